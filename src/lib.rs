@@ -13,6 +13,8 @@ use monitor::Tap;
 use prepare::{check, doctor, drive_files, plan};
 use view::{live, scope, web};
 
+use operator::options::{JogOverrideOptions, OverrideOptions, RapidOverrideOptions};
+
 use crate::cli::Command;
 
 /// What the processes of a cell have beside them in this command.
@@ -53,9 +55,15 @@ pub fn obey(command: Command, injection: Injection) -> Outcome {
         Command::Hold(options) => operator::simple(Order::Hold, &options),
         Command::Resume(options) => operator::simple(Order::Resume, &options),
         Command::Stop(options) => operator::simple(Order::Stop, &options),
-        Command::Override(options) => operator::set_override(&options),
-        Command::RapidOverride(options) => operator::set_rapid_override(&options),
-        Command::JogOverride(options) => operator::set_jog_override(&options),
+        Command::Override(OverrideOptions { percent, to }) => {
+            operator::set_override(Order::Override, percent, &to)
+        }
+        Command::RapidOverride(RapidOverrideOptions { percent, to }) => {
+            operator::set_override(Order::RapidOverride, percent, &to)
+        }
+        Command::JogOverride(JogOverrideOptions { percent, to }) => {
+            operator::set_override(Order::JogOverride, percent, &to)
+        }
         Command::Reset(options) => operator::simple(Order::Reset, &options),
         Command::OptionalStop(options) => operator::optional_stop(&options),
         Command::SingleBlock(options) => operator::single_block(&options),

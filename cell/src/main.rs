@@ -1,8 +1,7 @@
 //! The `quadrant-cell` command: what a controller PC needs to run a cell, and nothing that shows, prepares or reports.
 
 use clap::{Parser, Subcommand};
-use console::exit::{self, Kind, Outcome};
-use console::{logs, signals};
+use console::exit::{self, Outcome};
 use launcher::options::{CleanOptions, RunOptions, UpOptions};
 use launcher::run::Injection;
 use launcher::{run, up};
@@ -32,9 +31,7 @@ enum Command {
 }
 
 fn main() -> std::process::ExitCode {
-    signals::survive_file_size_limit();
-    let command = Cli::parse().command;
-    exit::code(logs::check_filter().input().and_then(|()| obey(command)))
+    exit::main(|| Cli::parse().command, obey)
 }
 
 fn obey(command: Command) -> Outcome {

@@ -3,6 +3,7 @@
 use std::process::ExitCode;
 
 use crate::output::{self, Stream};
+use crate::{logs, signals};
 
 /// Exit status of [`Failure::Interrupted`].
 pub const INTERRUPTED: u8 = 130;
@@ -61,6 +62,13 @@ fn words_and_hint(error: &anyhow::Error) -> String {
     let hint = causes.find_map(|cause| bus::limits::hint(cause.downcast_ref()?));
     let words = words(error);
     hint.map_or(words.clone(), |hint| format!("{words}: {hint}"))
+}
+
+/// Reads the command of a program, carries it out where the filter of log lines is one, and gives the status.
+pub fn main<C>(read: impl FnOnce() -> C, obey: impl FnOnce(C) -> Outcome) -> ExitCode {
+    signals::survive_file_size_limit();
+    let command = read();
+    code(logs::check_filter().input().and_then(|()| obey(command)))
 }
 
 /// Prints what went wrong, if anything, and gives the status.

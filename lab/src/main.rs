@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use cell::{PlannerOptions, ServoOptions};
 use clap::{Args, Parser, Subcommand};
 use console::exit::{self, Kind, Outcome};
-use console::{logs, signals};
+use console::logs;
 use lab::linuxcnc::LinuxcncCommand;
 use lab::options::{BenchOptions, BenchPongOptions, SoakOptions};
 use lab::reading::ReadingCommand;
@@ -30,7 +30,7 @@ enum Command {
     Bench(BenchOptions),
     /// Run a cell and kill its processes at random instants, again and again: does everything hold that must?
     Soak(SoakOptions),
-    /// The interpreter beside that of LinuxCNC
+    /// The interpreter beside LinuxCNC's
     Linuxcnc {
         #[command(subcommand)]
         command: LinuxcncCommand,
@@ -63,9 +63,7 @@ struct FaultyOptions<O: Args> {
 }
 
 fn main() -> std::process::ExitCode {
-    signals::survive_file_size_limit();
-    let command = Cli::parse().command;
-    exit::code(logs::check_filter().input().and_then(|()| obey(command)))
+    exit::main(|| Cli::parse().command, obey)
 }
 
 fn obey(command: Command) -> Outcome {

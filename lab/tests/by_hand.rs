@@ -93,26 +93,10 @@ fn is_program(now: &Feedback) -> bool {
         .contains(&now.mode)
 }
 
-fn axis_request(order: Order, axis: usize, value: f64) -> OperatorRequest {
-    OperatorRequest {
-        order: order as u32,
-        axis: axis as u32,
-        value,
-        ..OperatorRequest::default()
-    }
-}
-
 impl Bench {
     fn of(name: &str, machine: Machine, plant: PlantFile, seed: u64) -> Bench {
         let mut cell = Cell::new(machine, plant);
-        cell.scans(5);
-        cell.ready();
-        if !cell.is_homed() {
-            assert_eq!(cell.order(Order::Home), Refused::Not, "{name}");
-            cell.scans(2);
-            assert!(cell.until(60_000, |of| of.mode() == Mode::Ready), "{name}");
-            cell.scans(200);
-        }
+        cell.ready_and_homed();
         let mut bench = Bench {
             cell,
             at: [0; MAX_AXES],
@@ -202,7 +186,7 @@ impl Bench {
             session: SESSION,
             deadline_scans: self.number,
             latest_scan: self.cell.now.scan + 200,
-            ..axis_request(Order::Jog, axis, way_mm)
+            ..common::axis_order(Order::Jog, axis, way_mm)
         };
         let answer = self.cell.ask(&request);
         let reason = Refused::from_wire(answer.reason).expect("a reason");
@@ -573,7 +557,7 @@ fn a_key_that_repeats_never_runs_on_and_what_is_not_taken_is_said() {
         session: SESSION,
         deadline_scans: 10_000,
         latest_scan: bench.cell.now.scan - 1,
-        ..axis_request(Order::Jog, 0, 1.0)
+        ..common::axis_order(Order::Jog, 0, 1.0)
     };
     let reason = bench.cell.ask(&request).reason;
     assert_eq!(Refused::from_wire(reason), Some(Refused::TooLate));
@@ -592,7 +576,7 @@ fn axes_that_are_jogged_together_go_along_a_straight_line_whoever_misses_scans_a
             into_the_middle(&mut bench);
             let from = bench.at;
             let ways_mm = [24.0, -7.123_456];
-            let mut request = axis_request(Order::Jog, 0, 0.0);
+            let mut request = common::axis_order(Order::Jog, 0, 0.0);
             request.speed_mm_s = speed_mm_s;
             let ways = [0, 1].map(|of| {
                 let increment_mm = bench.increment_mm(axes[of]);
@@ -655,7 +639,7 @@ fn after_the_death_of_its_sender_a_held_jog_goes_no_further_than_its_deadline_an
             session: 100 + death as u32,
             deadline_scans: DEADLINE,
             latest_scan: bench.cell.now.scan + u64::from(DEADLINE),
-            ..axis_request(Order::JogOn, 0, direction)
+            ..common::axis_order(Order::JogOn, 0, direction)
         };
         assert_eq!(bench.cell.ask(&on).reason, Refused::Not as u32);
         // Renewals come late by what the network takes, and name what was seen when they were sent.
@@ -727,16 +711,16 @@ fn whatever_comes_in_whatever_step_of_a_jog_the_next_one_is_exact_again() {
             1.0
         };
         let line = {
-            let mut line = axis_request(Order::Jog, 0, 0.0);
+            let mut line = common::axis_order(Order::Jog, 0, 0.0);
             (line.line_mm[0], line.line_mm[1]) = (2.0 * inwards, 1.0);
             line
         };
         let held = OperatorRequest {
             session: 3,
             deadline_scans: 150,
-            ..axis_request(Order::JogOn, 0, inwards)
+            ..common::axis_order(Order::JogOn, 0, inwards)
         };
-        for asked in [axis_request(Order::Jog, 0, 2.0 * inwards), held, line] {
+        for asked in [common::axis_order(Order::Jog, 0, 2.0 * inwards), held, line] {
             for moment in moments {
                 for between in BETWEEN {
                     let what = format!(
@@ -751,7 +735,7 @@ fn whatever_comes_in_whatever_step_of_a_jog_the_next_one_is_exact_again() {
                         comes_between(&mut cell, between);
                         made_ready(&mut cell, &what);
                         let from = cell.now.axes.map(|axis| axis.command_position);
-                        let again = axis_request(Order::Jog, 0, 0.5 * inwards);
+                        let again = common::axis_order(Order::Jog, 0, 0.5 * inwards);
                         assert_eq!(cell.ask(&again).reason, Refused::Not as u32, "{what}");
                         cell.scans(2);
                         assert!(cell.until(5_000, |of| of.mode() != Mode::Jogging), "{what}");

@@ -18,10 +18,7 @@ fn ready(machine: Machine, plant: PlantFile) -> Cell {
 }
 
 fn jog(axis: usize, way_mm: f64) -> OperatorRequest {
-    OperatorRequest {
-        axis: axis as u32,
-        ..common::order(Order::Jog, way_mm)
-    }
+    common::axis_order(Order::Jog, axis, way_mm)
 }
 
 fn held(axis: usize, direction: f64, speed_mm_s: f64) -> OperatorRequest {

@@ -10,15 +10,6 @@ use plant_sim::script::rng::Rng;
 
 const SESSION: u32 = 5;
 
-fn request(order: Order, axis: usize, value: f64) -> OperatorRequest {
-    OperatorRequest {
-        order: order as u32,
-        axis: axis as u32,
-        value,
-        ..OperatorRequest::default()
-    }
-}
-
 fn machines() -> Vec<(&'static str, Machine, PlantFile)> {
     let shipped = [
         "xy",
@@ -51,14 +42,7 @@ fn machines() -> Vec<(&'static str, Machine, PlantFile)> {
 /// Ready, homed, and in the middle of its travel.
 fn ready(name: &str, machine: Machine, plant: PlantFile) -> Cell {
     let mut cell = Cell::new(machine, plant);
-    cell.scans(5);
-    cell.ready();
-    if !cell.is_homed() {
-        assert_eq!(cell.order(Order::Home), Refused::Not, "{name}");
-        cell.scans(2);
-        assert!(cell.until(60_000, |of| of.mode() == Mode::Ready), "{name}");
-        cell.scans(200);
-    }
+    cell.ready_and_homed();
     for axis in 0..2 {
         let settings = &cell.machine.axes[axis];
         let middle_mm = f64::midpoint(settings.travel_min_mm, settings.travel_max_mm);
@@ -66,7 +50,7 @@ fn ready(name: &str, machine: Machine, plant: PlantFile) -> Cell {
         if (middle_mm - at).abs() > 50.0 {
             let way = OperatorRequest {
                 speed_mm_s: 50.0,
-                ..request(Order::Jog, axis, middle_mm - at)
+                ..common::axis_order(Order::Jog, axis, middle_mm - at)
             };
             assert_eq!(cell.ask(&way).reason, Refused::Not as u32, "{name}");
             cell.scans(2);
@@ -77,7 +61,7 @@ fn ready(name: &str, machine: Machine, plant: PlantFile) -> Cell {
 }
 
 fn set(cell: &mut Cell, percent: f64) {
-    let answer = cell.ask(&request(Order::JogOverride, 0, percent));
+    let answer = cell.ask(&common::axis_order(Order::JogOverride, 0, percent));
     assert_eq!(answer.reason, Refused::Not as u32);
 }
 
@@ -114,7 +98,7 @@ fn increments_are_exact_however_often_the_override_changes_under_them_also_at_0_
             let click = OperatorRequest {
                 session: SESSION,
                 deadline_scans: number,
-                ..request(Order::Jog, axis, way * increment_mm)
+                ..common::axis_order(Order::Jog, axis, way * increment_mm)
             };
             let answer = cell.ask(&click);
             if answer.reason == Refused::Not as u32 {
@@ -155,7 +139,7 @@ fn a_held_jog_goes_at_its_share_stands_at_0_and_goes_on() {
             speed_mm_s: 4.0,
             session: 3,
             deadline_scans: (0.2 / scan_s) as u32,
-            ..request(Order::JogOn, 0, 1.0)
+            ..common::axis_order(Order::JogOn, 0, 1.0)
         };
         assert_eq!(cell.ask(&on).reason, Refused::Not as u32, "{name}");
         let second = (1.0 / scan_s) as usize;
@@ -194,7 +178,7 @@ fn a_line_stays_straight_over_changes_of_the_override_and_ends_exactly() {
         let mut cell = ready(name, machine, plant);
         let from = places(&cell);
         let ways_mm = [14.0, -7.123_456];
-        let mut line = request(Order::Jog, 0, 0.0);
+        let mut line = common::axis_order(Order::Jog, 0, 0.0);
         let ways = [0, 1].map(|axis| {
             line.line_mm[axis] = ways_mm[axis];
             (ways_mm[axis] / cell.machine.axes[axis].increment_mm()).round()
@@ -249,7 +233,7 @@ fn before_an_axis_is_homed_no_override_makes_it_faster_than_its_search_and_homin
     set(&mut cell, 200.0);
     let jog = OperatorRequest {
         speed_mm_s: 0.9 * search_mm_s,
-        ..request(Order::Jog, 0, 10.0)
+        ..common::axis_order(Order::Jog, 0, 10.0)
     };
     assert_eq!(cell.ask(&jog).reason, Refused::Not as u32);
     let most = search_mm_s * cell.machine.scan_period_s() / cell.machine.axes[0].increment_mm();
@@ -272,7 +256,7 @@ fn the_override_outlives_a_master_and_others_are_refused() {
     cell.scans(2);
     assert_eq!(cell.now.inputs.jog_override_percent(), 40);
     for percent in [-1.0, 201.0, f64::NAN, f64::INFINITY] {
-        let answer = cell.ask(&request(Order::JogOverride, 0, percent));
+        let answer = cell.ask(&common::axis_order(Order::JogOverride, 0, percent));
         assert_eq!(answer.reason, Refused::BadValue as u32, "{percent}");
     }
 }

@@ -219,6 +219,6 @@ impl Eyes<'_> {
 }
 
 /// The course of an axis that is moved by hand.
-pub(super) fn course(axis: &AxisFeedback) -> HandCourse {
+pub fn course(axis: &AxisFeedback) -> HandCourse {
     bytemuck::cast(axis.hand)
 }

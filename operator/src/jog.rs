@@ -90,27 +90,35 @@ pub fn jog(options: &JogOptions) -> Outcome {
         return Err(bad("--speed: must be above 0 mm/min".into()));
     }
     let client = Client::to_order(options.to.cell.as_deref())?;
-    if let Some(made) = jog_tool::asked(&client.machine, &asked, options) {
-        return jog_tool::jog(&client, made, options);
-    }
-    let index = |letter: &str| {
-        let index = client.machine.program_axis_index(&letter.to_uppercase());
-        index.map_err(|e| Failure::Input(anyhow!(e)))
-    };
-    let speed_mm_s = options.speed.unwrap_or(0.0) / 60.0;
     let (Asked::Held(words) | Asked::By(words)) = &asked;
-    let mut ways = Vec::new();
-    for (letter, way) in words {
-        let axis = index(letter)?;
-        if ways.iter().any(|(other, _)| *other == axis) {
-            return Err(bad(format!("jog: {letter} is named twice")));
-        }
-        ways.push((axis, *way));
+    if jog_tool::is_asked(&client.machine, words, options) {
+        return jog_tool::jog(&client, &asked, options);
     }
+    let ways = ways_of(words, |letter| {
+        let index = client.machine.program_axis_index(letter);
+        index.map_err(|e| Failure::Input(anyhow!(e)))
+    })?;
+    let speed_mm_s = options.speed.unwrap_or(0.0) / 60.0;
     match asked {
         Asked::Held(_) => until_interrupted(&client, &ways, speed_mm_s),
         Asked::By(_) => by_distances(&client, ways, speed_mm_s, options),
     }
+}
+
+/// Ways by axis, each letter once; `index` finds the axis of a letter in capitals.
+pub(super) fn ways_of<I: PartialEq>(
+    words: &[(&str, f64)],
+    index: impl Fn(&str) -> Result<I, Failure>,
+) -> Result<Vec<(I, f64)>, Failure> {
+    let mut ways = Vec::new();
+    for (letter, way) in words {
+        let axis = index(&letter.to_uppercase())?;
+        if ways.iter().any(|(other, _)| *other == axis) {
+            return Err(Failure::Input(anyhow!("jog: {letter} is named twice")));
+        }
+        ways.push((axis, *way));
+    }
+    Ok(ways)
 }
 
 /// Jogs by distances, or to places, in mm or degrees.
@@ -226,7 +234,7 @@ fn goal(client: &Client, now: &Feedback, axis: u32, way: f64) -> (usize, i64) {
 struct Places<'a> {
     client: &'a Client,
     now: Feedback,
-    /// The state in whose coordinates they are; none for those of the machine.
+    /// State whose work coordinates are meant; none for machine coordinates.
     state: Option<Modal>,
 }
 

@@ -8,19 +8,14 @@ use program::{Setup, kinematics_of};
 
 use super::Client;
 use super::eyes::Eyes;
-use super::jog::Asked;
+use super::jog::{Asked, ways_of};
 use super::mdi;
 use super::work::next_start;
 use crate::options::JogOptions;
 use console::exit::{Failure, Outcome};
 
-/// What is to be jogged where the tool is, by letters of programs; none where each is an axis of the machine, and so are its places.
-pub(super) fn asked<'a>(
-    machine: &Machine,
-    asked: &Asked<'a>,
-    options: &JogOptions,
-) -> Option<Asked<'a>> {
-    let (Asked::Held(words) | Asked::By(words)) = asked;
+/// Whether the tool is to be jogged, by letters of programs, and not axes of the machine.
+pub(super) fn is_asked(machine: &Machine, words: &[(&str, f64)], options: &JogOptions) -> bool {
     let letters = machine.program_letters();
     let made = |letter: &str| {
         let letter = letter.to_uppercase();
@@ -28,12 +23,11 @@ pub(super) fn asked<'a>(
         is_of_program && machine.program_axis_index(&letter).is_err()
     };
     let by_tool = options.to_work && kinematics_of(machine) != Kinematics::Cartesian;
-    let is_made = by_tool || words.iter().any(|(letter, _)| made(letter));
-    is_made.then(|| asked.clone())
+    by_tool || words.iter().any(|(letter, _)| made(letter))
 }
 
 /// Runs the block, and waits until it is done.
-pub(super) fn jog(client: &Client, asked: Asked<'_>, options: &JogOptions) -> Outcome {
+pub(super) fn jog(client: &Client, asked: &Asked<'_>, options: &JogOptions) -> Outcome {
     let bad = |wrong: String| Failure::Input(anyhow!(wrong));
     let machine = &client.machine;
     let setup = Setup::of(machine);
@@ -46,23 +40,17 @@ pub(super) fn jog(client: &Client, asked: Asked<'_>, options: &JogOptions) -> Ou
             ));
         }
     };
-    let mut ways = Vec::new();
-    for (letter, way) in words {
-        let letter = letter.to_uppercase();
-        let known = setup.axes.iter().map(|axis| axis.letter.to_string());
-        let known: Vec<String> = known.collect();
-        let index = known.iter().position(|of| *of == letter);
-        let index = index.ok_or_else(|| {
+    let known = setup.axes.iter().map(|axis| axis.letter.to_string());
+    let known: Vec<String> = known.collect();
+    let ways = ways_of(words, |letter| {
+        let index = known.iter().position(|of| of == letter);
+        index.ok_or_else(|| {
             bad(format!(
                 "jog {letter}: the tool is moved along {}; the arm that makes Y is jogged alone, by distances",
                 known.join(" ")
             ))
-        })?;
-        if ways.iter().any(|(other, _)| *other == index) {
-            return Err(bad(format!("jog: {letter} is named twice")));
-        }
-        ways.push((index, way));
-    }
+        })
+    })?;
     let now = Eyes::open(client)?.look()?;
     let before = next_start(machine, &client.cell.place, &now.auxiliary);
     let motion = before.and_then(|modal| modal.codes.first().cloned());
@@ -91,7 +79,7 @@ fn block(
     format!("{of}G1{words} F{speed_mm_min}")
 }
 
-/// A block whose modes are those of before again behind it.
+/// A block with the modes of before restored behind it.
 fn restoring(block: &str, motion: Option<&str>) -> String {
     let motion = motion.unwrap_or("G1");
     format!("M70\nG8 G21 G90 G94\n{block}\nM72\n{motion}")

@@ -17,7 +17,7 @@ mod wheel;
 mod work;
 
 pub use client::{Client, Given, held};
-pub use eyes::Eyes;
+pub use eyes::{Eyes, course};
 pub use jog::{Click, Clicks, JogAsked, JogSender, click_numbered, jog};
 pub use mdi::{mdi, mdi_in};
 pub use offsets::{offsets, zero};
@@ -28,10 +28,7 @@ pub use work::{machine_of_run, modes_behind, next_start, program_behind};
 
 use client::{order_urgently, running};
 
-use crate::options::{
-    HomeOptions, JogOverrideOptions, OperatorOptions, OptionalStopOptions, OverrideOptions,
-    RapidOverrideOptions, SingleBlockOptions,
-};
+use crate::options::{HomeOptions, OperatorOptions, OptionalStopOptions, SingleBlockOptions};
 use console::exit::{Failure, Outcome};
 use console::output::say;
 
@@ -59,24 +56,10 @@ pub fn order(cell: &str, order: Order, value: f64) -> Result<String, Failure> {
     given(Some(cell), order, value)
 }
 
-/// `override`.
-pub fn set_override(options: &OverrideOptions) -> Outcome {
-    let client = Client::to_order(options.to.cell.as_deref())?;
-    say(&client.order(Order::Override, options.percent)?);
-    Ok(())
-}
-
-/// `rapid-override`.
-pub fn set_rapid_override(options: &RapidOverrideOptions) -> Outcome {
-    let client = Client::to_order(options.to.cell.as_deref())?;
-    say(&client.order(Order::RapidOverride, options.percent)?);
-    Ok(())
-}
-
-/// `jog-override`.
-pub fn set_jog_override(options: &JogOverrideOptions) -> Outcome {
-    let client = Client::to_order(options.to.cell.as_deref())?;
-    say(&client.order(Order::JogOverride, options.percent)?);
+/// `override`, `rapid-override`, `jog-override`.
+pub fn set_override(order: Order, percent: f64, to: &OperatorOptions) -> Outcome {
+    let client = Client::to_order(to.cell.as_deref())?;
+    say(&client.order(order, percent)?);
     Ok(())
 }
 

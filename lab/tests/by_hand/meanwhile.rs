@@ -168,7 +168,7 @@ impl Bench {
         self.obeys(Order::Start);
     }
 
-    /// Blocks run to their end, whoever dies meanwhile: exactly what they say.
+    /// Blocks run to their end and move exactly what they say, a death meanwhile included.
     fn runs(&mut self, typed: bool, mut death: Death) {
         let ways = self.loads(typed);
         let run = self.cell.now.run + 1;

@@ -102,3 +102,11 @@ pub fn order(order: Order, value: f64) -> OperatorRequest {
         ..OperatorRequest::default()
     }
 }
+
+/// An order to one axis.
+pub fn axis_order(order: Order, axis: usize, value: f64) -> OperatorRequest {
+    OperatorRequest {
+        axis: axis as u32,
+        ..self::order(order, value)
+    }
+}

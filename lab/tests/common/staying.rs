@@ -295,14 +295,20 @@ impl Cell {
         self.scans(200);
     }
 
-    /// Drives on, homed, and the first two axes not far from the middle of their travel.
-    pub fn ready_in_the_middle(&mut self) {
+    /// Drives on, and homed.
+    pub fn ready_and_homed(&mut self) {
         self.scans(5);
         self.ready();
         if !self.is_homed() {
             assert_eq!(self.order(Order::Home), Refused::Not);
             self.rests();
+            assert_eq!(self.mode(), Mode::Ready);
         }
+    }
+
+    /// The same, with the first two axes not far from the middle of their travel.
+    pub fn ready_in_the_middle(&mut self) {
+        self.ready_and_homed();
         let mut line = OperatorRequest {
             order: Order::Jog as u32,
             ..OperatorRequest::default()

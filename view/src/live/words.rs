@@ -3,7 +3,6 @@
 use bus::sample::{
     Auxiliaries, AxisFeedback, Cause, Driver, Feedback, Mode, ProgramState, Reference, Waiting,
 };
-use loops::hand_course::HandCourse;
 use machine::Machine;
 use monitor::words::StopCause;
 
@@ -54,7 +53,7 @@ pub fn at_rest(feedback: &Feedback) -> bool {
 fn is_moved_by_hand(axis: &AxisFeedback) -> bool {
     match Driver::from_wire(axis.driver) {
         None | Some(Driver::Program) => false,
-        Some(Driver::Manual) => !bytemuck::cast::<_, HandCourse>(axis.hand).rests(),
+        Some(Driver::Manual) => !operator::course(axis).rests(),
         Some(_) => true,
     }
 }
