@@ -22,8 +22,8 @@ pub struct OperatorRequest {
     /// The last scan in which it may be obeyed, and until which a held jog goes on; 0 for any.
     pub latest_scan: u64,
     /// Names a held jog, so that what was meant for one that is over begins no other; of increments, who gives them: 0 is nobody who
-    /// would repeat one; of a wheel, who counts. Of `start`, the number of the program that is meant, or 0 for any; of `load` of typed-in blocks, the number
-    /// that is loaded before them and 1, else 0.
+    /// would repeat one; of a wheel, who counts. Of `start`, the number of the program that is meant, or 0 for any; of `load` of
+    /// typed-in blocks, the number that is loaded before them and 1, else 0.
     pub session: u32,
     /// Scans that a held jog goes on without being renewed; 0 ends it. Of increments, their number in the session, going up. Of `load`
     /// of typed-in blocks, the number under which a copy of the program that is loaded before them lies; 0 where none is.

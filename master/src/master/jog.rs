@@ -377,7 +377,7 @@ impl<D: Drives> Master<D> {
         Ok(unit.ok_or(Refused::UnknownAxis)?)
     }
 
-    /// Speed of a jog: that of the order, or of the machine file. An axis that is not homed is no faster than its search.
+    /// Speed of a jog, from the order or the machine file. An axis that is not homed is no faster than its search.
     pub(super) fn jog_speed(&self, request: &OperatorRequest) -> Result<HandSpeed, Refusal> {
         let unit = self.axes.get(request.axis as usize);
         let unit = unit.ok_or(Refused::UnknownAxis)?;
