@@ -97,8 +97,8 @@ fn crates() -> impl Iterator<Item = &'static str> {
     all.filter(|krate| *krate != "quadrant")
 }
 
-/// Packages of the workspace with the names of all crates that they build with.
-fn packages() -> Vec<(String, Vec<String>)> {
+/// The packages of the workspace, as Cargo describes them.
+fn metadata() -> Vec<Value> {
     let metadata = Command::new(env!("CARGO"))
         .args([
             "metadata",
@@ -111,6 +111,11 @@ fn packages() -> Vec<(String, Vec<String>)> {
         .output()
         .expect("cargo metadata");
     let metadata: Value = serde_json::from_slice(&metadata.stdout).expect("its JSON");
+    metadata["packages"].as_array().expect("packages").clone()
+}
+
+/// Names of the packages, each with the names of all crates that it builds with.
+fn packages() -> Vec<(String, Vec<String>)> {
     let text = |of: &Value| of["name"].as_str().expect("a name").to_owned();
     let uses = |package: &Value| {
         let all = package["dependencies"].as_array().expect("dependencies");
@@ -118,11 +123,18 @@ fn packages() -> Vec<(String, Vec<String>)> {
         let built = all.iter().filter(|used| used["kind"] != "dev");
         built.map(text).collect()
     };
-    let packages = metadata["packages"].as_array().expect("packages");
-    packages
+    metadata()
         .iter()
         .map(|package| (text(package), uses(package)))
         .collect()
+}
+
+/// The README's first command names no program.
+#[test]
+fn cargo_run_means_quadrant() {
+    let packages = metadata();
+    let default_runs = packages.iter().filter_map(|of| of["default_run"].as_str());
+    assert_eq!(default_runs.collect::<Vec<_>>(), ["quadrant"]);
 }
 
 /// A cell stands without what asks and shows, and both without what breaks them.
