@@ -16,20 +16,15 @@ use iceoryx2::config::Config;
 use iceoryx2::prelude::{FileName, Path as IoxPath, SemanticString};
 use rustix::fs::{FlockOperation, OFlags, flock};
 
-use crate::kept_parameters::KeptFile;
+pub use crate::error::{CELL_NAME_LENGTH_MAX, CellError};
 use crate::name::{Holder, Name, Taken};
 pub use crate::ownership::Ownership;
+pub use crate::paths::{CellPaths, if_there, is_cell_name};
+use crate::paths::{MEMBERS_LOCK, OWNER_LOCK, SHARED_MEMORY};
 use crate::process::watch;
 
-/// Where all shared memory of this PC has its names.
-pub(crate) const SHARED_MEMORY: &str = "/dev/shm";
 /// A segment without a size for so long is of a process that was killed over it.
 const UNFINISHED_FOR: Duration = Duration::from_millis(5);
-pub(crate) const OWNER_LOCK: &str = "owner.lock";
-pub(crate) const MEMBERS_LOCK: &str = "members.lock";
-/// Longest cell name: the socket path limit of iceoryx2 (68 characters for prefix and root) leaves no more.
-pub const CELL_NAME_LENGTH_MAX: usize = 20;
-
 /// Whether every process that a segment's name names lives. iceoryx2 0.10 names segments by the ports at their ends, as numbers of
 /// 128 bits that hold the process id in bits 64 to 95. A name without such a number names nobody.
 fn all_makers_live(segment: &Path) -> bool {
@@ -44,24 +39,6 @@ fn all_makers_live(segment: &Path) -> bool {
     makers.peek().is_some() && makers.all(lives)
 }
 
-/// What was read of a file; none of one that is not there.
-pub fn if_there<T>(read: io::Result<T>) -> io::Result<Option<T>> {
-    match read {
-        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
-        read => read.map(Some),
-    }
-}
-
-/// Whether this can name a cell: lower-case letters, digits and hyphens.
-pub fn is_cell_name(name: &str) -> bool {
-    !name.is_empty()
-        && !name.starts_with('-')
-        && name.len() <= CELL_NAME_LENGTH_MAX
-        && name
-            .bytes()
-            .all(|b| b.is_ascii_lowercase() || b.is_ascii_digit() || b == b'-')
-}
-
 /// Attempts to remove a folder that somebody writes into meanwhile.
 const REMOVALS_MAX: u32 = 20;
 /// So long a child that is being started may hold the lock of a launcher that is dead.
@@ -71,253 +48,10 @@ const CLEANING: Duration = Duration::from_millis(200);
 const CLEANING_LOOK: Duration = Duration::from_millis(5);
 const MEMBERS_LOOK: Duration = Duration::from_millis(20);
 
-/// Why a cell cannot be had.
-#[derive(Debug, thiserror::Error)]
-pub enum CellError {
-    /// Not a name for a cell.
-    #[error(
-        "cell name {0:?}: must be 1 to {max} lower-case letters, digits or hyphens",
-        max = CELL_NAME_LENGTH_MAX
-    )]
-    Name(String),
-    /// Another launcher owns it.
-    #[error(
-        "cell {cell:?} is already running{by}: stop it first, or give this one another name with --cell"
-    )]
-    Running {
-        /// The cell.
-        cell: String,
-        /// Its launcher, if known: " (launcher pid 123)".
-        by: String,
-    },
-    /// Its launcher is gone, but members of it still live.
-    #[error(
-        "cell {cell:?} has no launcher but processes of it still live: they stop by themselves; try again in a moment"
-    )]
-    MembersLive {
-        /// The cell.
-        cell: String,
-    },
-    /// What is in its place is not ours.
-    #[error(
-        "cell {cell:?}: {path} {found}: a cell is used as its own user only, and another one can be named with --cell"
-    )]
-    Foreign {
-        /// The cell.
-        cell: String,
-        /// Its place, or a segment of its name.
-        path: String,
-        /// What is there.
-        found: String,
-    },
-    /// Shared memory is full, or too small.
-    #[error(
-        "cell {cell:?}: {SHARED_MEMORY} has no room for {needed}: {free} of {total} are free. Make it larger (`mount -o remount,size=64m \
-         {SHARED_MEMORY}`; for a container `--shm-size=64m`), or remove what fills it"
-    )]
-    NoRoom {
-        /// The cell.
-        cell: String,
-        /// What is needed, with its unit.
-        needed: String,
-        /// What is free.
-        free: String,
-        /// What there is in all.
-        total: String,
-    },
-    /// The operating system grants too little of something.
-    #[error("cell {cell:?}: {needed} {what} are needed, {granted} are granted")]
-    Limit {
-        /// The cell.
-        cell: String,
-        /// Of what, and how that is changed.
-        what: &'static str,
-        /// So much is granted.
-        granted: u64,
-        /// So much is needed.
-        needed: u64,
-    },
-    /// The operating system refused something.
-    #[error("cell {cell:?}: {what}: {source}")]
-    System {
-        /// The cell.
-        cell: String,
-        /// What was tried.
-        what: String,
-        /// Why it failed.
-        source: io::Error,
-    },
-    /// iceoryx2 refused something.
-    #[error("cell {cell:?}: {what}")]
-    Transport {
-        /// The cell.
-        cell: String,
-        /// What was tried and why it failed.
-        what: String,
-    },
-}
-
-/// Where a cell keeps its things.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct CellPaths {
-    name: String,
-}
-
 impl CellPaths {
-    /// The place of the cell of this name.
-    ///
-    /// # Errors
-    /// [`CellError::Name`].
-    pub fn new(name: &str) -> Result<Self, CellError> {
-        if is_cell_name(name) {
-            Ok(CellPaths { name: name.into() })
-        } else {
-            Err(CellError::Name(name.into()))
-        }
-    }
-
-    /// The cell's name.
-    pub fn name(&self) -> &str {
-        &self.name
-    }
-
-    /// Its folder.
-    pub fn folder(&self) -> PathBuf {
-        PathBuf::from(format!("{SHARED_MEMORY}/quadrant-{}", self.name))
-    }
-
-    /// Copy of the cell's machine file: what its clients know of it.
-    pub fn machine_file(&self) -> PathBuf {
-        self.folder().join("machine.toml")
-    }
-
-    /// File that names the folder of the machine file that the cell was started with.
-    pub fn origin_file(&self) -> PathBuf {
-        self.folder().join("origin")
-    }
-
-    /// Folder of the program that was loaded under this number: its one file keeps the program's own name.
-    pub fn program_folder(&self, load: u32) -> PathBuf {
-        self.programs().join(load.to_string())
-    }
-
-    /// File that names the folder of the run directories, in a cell that stays up.
-    pub fn runs_file(&self) -> PathBuf {
-        self.folder().join("runs")
-    }
-
-    /// Where loaded programs lie.
-    pub fn programs(&self) -> PathBuf {
-        self.folder().join("programs")
-    }
-
-    /// Where planners keep the places of a program that those after them go on from.
-    pub fn places(&self) -> PathBuf {
-        self.folder().join("places")
-    }
-
-    /// What the machine has answered in a run of a program.
-    pub fn answers(&self, load: u32, run: u32) -> PathBuf {
-        self.folder().join(format!("answers-{load}-{run}"))
-    }
-
-    /// Removes what the cell has kept of runs before the last two: a cell stays up for as many as somebody starts.
-    pub fn forget_runs_before(&self, run: u32) {
-        let is_behind = |name: &str| {
-            let mut parts = name.split('-');
-            let of_run = ["answers", "beginning", "modes", "parameters", "tools"];
-            let known = parts.next().is_some_and(|what| of_run.contains(&what));
-            let of = parts.next_back().and_then(|run| run.parse::<u32>().ok());
-            known && of.is_some_and(|of| of.saturating_add(1) < run)
-        };
-        for entry in fs::read_dir(self.folder()).into_iter().flatten().flatten() {
-            if entry.file_name().to_str().is_some_and(is_behind) {
-                let _ = fs::remove_file(entry.path());
-            }
-        }
-    }
-
-    /// File that names a file of the user; none where the cell has none.
-    pub fn kept_file(&self, which: KeptFile) -> PathBuf {
-        self.folder().join(which.named_in())
-    }
-
-    /// The parameters that a run of a program has begun with.
-    pub fn parameters(&self, load: u32, run: u32) -> PathBuf {
-        self.folder().join(format!("parameters-{load}-{run}"))
-    }
-
-    /// The tool table that a run of a program has begun with.
-    pub fn tools(&self, load: u32, run: u32) -> PathBuf {
-        self.folder().join(format!("tools-{load}-{run}"))
-    }
-
-    /// Tool, offset and modes that a run of a program has begun with.
-    pub fn beginning(&self, load: u32, run: u32) -> PathBuf {
-        self.folder().join(format!("beginning-{load}-{run}"))
-    }
-
-    /// The modes that a run has left at its end.
-    pub fn modes(&self, run: u32) -> PathBuf {
-        self.folder().join(format!("modes-{run}"))
-    }
-
-    /// The user M-code that the planner wants to be run.
-    pub fn user_code_call(&self) -> PathBuf {
-        self.folder().join("user-code")
-    }
-
-    /// How the user M-code that ran last has ended.
-    pub fn user_code_end(&self) -> PathBuf {
-        self.folder().join("user-code-end")
-    }
-
-    /// What the program says: the texts around the place that its path has come to.
-    pub fn messages(&self) -> PathBuf {
-        self.folder().join("messages")
-    }
-
-    /// The program that was loaded under this number.
-    pub fn program(&self, load: u32) -> Option<PathBuf> {
-        let mut entries = fs::read_dir(self.program_folder(load)).ok()?.flatten();
-        entries.next().map(|entry| entry.path())
-    }
-
-    /// Names of the cells whose folders are on this PC; whether they run is reported by their page.
-    pub fn names() -> Vec<String> {
-        let entries = fs::read_dir(SHARED_MEMORY).into_iter().flatten().flatten();
-        let mut names: Vec<String> = entries
-            .filter_map(|entry| {
-                let name = entry.file_name().into_string().ok()?;
-                let cell = name.strip_prefix("quadrant-")?;
-                is_cell_name(cell).then(|| cell.to_string())
-            })
-            .collect();
-        names.sort();
-        names
-    }
-
-    /// The signal page.
-    pub fn page(&self) -> PathBuf {
-        self.folder().join("page")
-    }
-
-    /// The drive page, of a cell with drives on a fieldbus.
-    pub fn drive_page(&self) -> PathBuf {
-        self.folder().join("drives")
-    }
-
-    fn iceoryx2_root(&self) -> String {
-        format!("{SHARED_MEMORY}/quadrant-{}/iox", self.name)
-    }
-
-    pub(crate) fn segment_prefix(&self) -> String {
-        format!("qd-{}_", self.name)
-    }
-
     fn error(&self, what: &str, source: io::Error) -> CellError {
         CellError::System {
-            cell: self.name.clone(),
+            cell: self.name().to_owned(),
             what: what.into(),
             source,
         }
@@ -330,7 +64,7 @@ impl CellPaths {
     /// [`CellError::Transport`] if iceoryx2 refuses the names.
     pub fn config(&self, cleaner: bool) -> Result<Config, CellError> {
         let refuse = |error| CellError::Transport {
-            cell: self.name.clone(),
+            cell: self.name().to_owned(),
             what: format!("iceoryx2 does not take the cell's name: {error:?}"),
         };
         let mut config = Config::default();
@@ -351,7 +85,7 @@ impl CellPaths {
             "# iceoryx2 0.10: how to enter cell {:?} as an observer.\n[global]\nroot-path = {:?}\nprefix = {:?}\n\n\
              [global.node]\ncleanup-dead-nodes-on-creation = false\ncleanup-dead-nodes-on-destruction = false\n\n\
              [global.service]\ncleanup-dead-nodes-on-open = false\n",
-            self.name,
+            self.name(),
             self.iceoryx2_root(),
             self.segment_prefix(),
         )
@@ -400,7 +134,7 @@ impl CellPaths {
         let memory =
             fs::metadata(SHARED_MEMORY).map_err(|e| self.error("looking at /dev/shm", e))?;
         let user = rustix::process::geteuid().as_raw();
-        let name = format!("quadrant/{user}/{}/{}", memory.dev(), self.name);
+        let name = format!("quadrant/{user}/{}/{}", memory.dev(), self.name());
         let started = Instant::now();
         loop {
             let holder = match Name::take(&name) {
@@ -423,7 +157,7 @@ impl CellPaths {
                 holder => {
                     let by = holder.map(|holder| format!(" (launcher pid {})", holder.pid));
                     return Err(CellError::Running {
-                        cell: self.name.clone(),
+                        cell: self.name().to_owned(),
                         by: by.unwrap_or_default(),
                     });
                 }
@@ -446,7 +180,7 @@ impl CellPaths {
                 continue;
             }
             return Err(CellError::Running {
-                cell: self.name.clone(),
+                cell: self.name().to_owned(),
                 by: if pid.is_empty() {
                     String::new()
                 } else {
@@ -468,12 +202,12 @@ impl CellPaths {
             if !std::mem::replace(&mut published, true) && !patience.is_zero() {
                 tracing::info!(
                     "processes of a cell {} whose launcher is gone still live: waiting for them to leave",
-                    self.name
+                    self.name()
                 );
             }
             if started.elapsed() >= patience {
                 return Err(CellError::MembersLive {
-                    cell: self.name.clone(),
+                    cell: self.name().to_owned(),
                 });
             }
             std::thread::sleep(MEMBERS_LOOK);
@@ -536,7 +270,7 @@ impl CellPaths {
 
     fn foreign(&self, path: &Path, found: String) -> CellError {
         CellError::Foreign {
-            cell: self.name.clone(),
+            cell: self.name().to_owned(),
             path: path.display().to_string(),
             found,
         }
@@ -642,7 +376,7 @@ impl CellPaths {
         let mut foreign = None;
         let prefix = self.segment_prefix();
         // A folder that an owner was about to remove when it was killed.
-        let left_folder = format!("quadrant-{}.", self.name);
+        let left_folder = format!("quadrant-{}.", self.name());
         let entries = fs::read_dir(SHARED_MEMORY).map_err(|e| self.error("listing /dev/shm", e))?;
         for entry in entries.flatten() {
             let name = entry.file_name();

@@ -7,43 +7,11 @@ use std::os::unix::ffi::OsStringExt;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
 
-use crate::cell::{CellPaths, if_there};
+pub use crate::paths::KeptFile;
+use crate::paths::{CellPaths, if_there};
 
 /// How often this process has asked for what a run begins with.
 static ASKED: AtomicU32 = AtomicU32::new(0);
-
-/// A file of the user that holds something which outlives a run.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum KeptFile {
-    /// Numbered parameters.
-    Parameters,
-    /// Work offsets.
-    Offsets,
-    /// The tool table.
-    Tools,
-    /// The tool in the spindle.
-    Spindle,
-}
-
-impl KeptFile {
-    /// All of them.
-    pub const ALL: [KeptFile; 4] = [
-        KeptFile::Parameters,
-        KeptFile::Offsets,
-        KeptFile::Tools,
-        KeptFile::Spindle,
-    ];
-
-    /// Name of the file in the cell's folder that names it.
-    pub(crate) fn named_in(self) -> &'static str {
-        match self {
-            KeptFile::Parameters => "parameter-file",
-            KeptFile::Offsets => "offsets-file",
-            KeptFile::Tools => "tools-file",
-            KeptFile::Spindle => "spindle-file",
-        }
-    }
-}
 
 /// Says which file holds them: for the launcher, before anybody else is there.
 ///

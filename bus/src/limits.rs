@@ -1,10 +1,13 @@
-//! What the operating system grants a process: files, processes, address space. A cell that would run into a limit is not started.
+//! What the operating system grants a process: files, processes, address space. A cell that would run into a limit, or into the end of
+//! shared memory, is not started.
 
 use std::io;
 
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 
-use crate::cell::{CellError, CellPaths};
+use crate::error::CellError;
+use crate::paths::CellPaths;
+use crate::room;
 use crate::service::Services;
 
 /// Files that a process of a cell holds open for each service, at most: measured 8 in the master, which has most.
@@ -44,6 +47,23 @@ pub fn check(place: &CellPaths, services: &Services) -> Result<(), CellError> {
             granted >> 20,
             space,
         )),
+        _ => Ok(()),
+    }
+}
+
+/// Checks that there is room for a whole cell with these services.
+///
+/// # Errors
+/// [`CellError::NoRoom`].
+pub fn check_room(place: &CellPaths, services: &Services) -> Result<(), CellError> {
+    let needed = services.room_bytes();
+    match room::room() {
+        Some((free, total)) if free < needed => Err(CellError::NoRoom {
+            cell: place.name().into(),
+            needed: room::megabytes(needed),
+            free: room::megabytes(free),
+            total: room::megabytes(total),
+        }),
         _ => Ok(()),
     }
 }

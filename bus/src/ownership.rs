@@ -7,8 +7,8 @@ use std::path::{Path, PathBuf};
 
 use rustix::fs::{FlockOperation, flock};
 
-use crate::cell::{CellPaths, MEMBERS_LOCK, OWNER_LOCK, SHARED_MEMORY};
 use crate::name::Name;
+use crate::paths::{CellPaths, MEMBERS_LOCK, OWNER_LOCK, SHARED_MEMORY};
 use crate::room;
 
 const SPARE_FILE: &str = "spare";

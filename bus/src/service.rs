@@ -268,7 +268,6 @@ impl Bus {
         who: &str,
         cleaner: bool,
     ) -> Result<Bus, CellError> {
-        room::is_in_force();
         room::forget_refused();
         iceoryx2::prelude::set_log_level(iceoryx2::prelude::LogLevel::Error);
         let config = place.config(cleaner)?;

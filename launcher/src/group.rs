@@ -309,7 +309,7 @@ impl Group {
         let place: CellPaths = cell.place().clone();
         let services = Services::of(&place, &machine.shape());
         bus::limits::check(&place, &services)?;
-        bus::room::check(&place, &services)?;
+        bus::limits::check_room(&place, &services)?;
         // Its clients know the machine from here.
         let machine_file = machine::snapshot(&plan.machine_file)?;
         std::fs::write(place.machine_file(), machine_file)
