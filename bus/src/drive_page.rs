@@ -159,12 +159,12 @@ impl BusState {
 
 /// Plain data that lie in the page as words.
 #[repr(C, align(64))]
-struct Kept<T, const WORDS: usize> {
+struct KeptValue<T, const WORDS: usize> {
     words: [AtomicU64; WORDS],
     of: PhantomData<T>,
 }
 
-impl<T: Pod, const WORDS: usize> Kept<T, WORDS> {
+impl<T: Pod, const WORDS: usize> KeptValue<T, WORDS> {
     const FITS: () = assert!(size_of::<T>() == 8 * WORDS);
 
     fn store(&self, value: &T) {
@@ -206,9 +206,9 @@ struct Layout {
     sent_frame: AtomicU64,
     /// 1 once the master has left in order.
     left: AtomicU64,
-    wiring: Kept<Wiring, WIRING_WORDS>,
-    outputs: [Kept<Outputs, OUTPUT_WORDS>; 2],
-    inputs: [Kept<Inputs, INPUT_WORDS>; 2],
+    wiring: KeptValue<Wiring, WIRING_WORDS>,
+    outputs: [KeptValue<Outputs, OUTPUT_WORDS>; 2],
+    inputs: [KeptValue<Inputs, INPUT_WORDS>; 2],
 }
 
 /// The mapped page.

@@ -918,7 +918,7 @@ pub use auxiliary::{
 pub use bus_cycle::BusCycle;
 pub use inputs::{
     ANALOG_INPUTS, Answer, AnswerOutcome, AskedInput, DIGITAL_INPUTS, InputWait, Inputs,
-    JOG_OVERRIDE_MAX_PERCENT, PROBE_AWAY, PROBE_MUST,
+    OVERRIDE_MAX_PERCENT, PROBE_AWAY, PROBE_MUST,
 };
 pub use order::{OperatorRequest, OperatorResponse, Order, Refused};
 

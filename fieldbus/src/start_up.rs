@@ -29,9 +29,7 @@ pub use found::{FoundPdo, FoundSlave, ObjectData, ObjectValue, Written};
 #[cfg(not(feature = "ethercat"))]
 pub use not_built::{read_object, scan, start_up, write_object};
 #[cfg(feature = "ethercat")]
-pub use objects::{read_object, write_object};
-#[cfg(feature = "ethercat")]
-pub use scan::scan;
+pub use scan::{read_object, scan, write_object};
 #[cfg(feature = "ethercat")]
 pub use segment::start_up;
 
@@ -62,6 +60,12 @@ impl SegmentPlan {
     /// The axis at a place on the cable.
     pub fn axis_at(&self, slave: usize) -> Option<usize> {
         self.drives.iter().position(|drive| drive.slave == slave)
+    }
+
+    /// Whether watchdogs are to be off.
+    #[cfg(feature = "ethercat")]
+    fn is_without_watchdog(&self) -> bool {
+        self.pace == Pace::Lockstep
     }
 
     /// How many slaves there are to be.

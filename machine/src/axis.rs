@@ -3,9 +3,10 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::axis_kind::AxisKind;
 use crate::fieldbus::AxisDrive;
 use crate::gantry::Gantry;
-use crate::homing::Homing;
+use crate::homing::{Homing, HomingMethod, INDEX_TURNS, JOG_ACCELERATION_SHARE};
 use crate::loops::{FeedForward, PositionLoop, Prediction, VelocityLoop};
 use crate::model::{Adaptation, AxisModel, DisturbanceObserver, TorqueFeedForward};
 use crate::reversal::Reversal;
@@ -104,16 +105,6 @@ pub struct Axis {
     pub disturbance_observer: DisturbanceObserver,
 }
 
-/// Linear or rotary.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema)]
-#[serde(rename_all = "kebab-case")]
-pub enum AxisKind {
-    /// A slide: mm.
-    Linear,
-    /// A rotary axis: degrees.
-    Rotary,
-}
-
 /// Where the servo's position comes from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
@@ -158,28 +149,13 @@ pub struct Motor {
     pub peak_torque_nm: f64,
 }
 
-impl AxisKind {
-    /// Its unit of position.
-    pub fn unit(self) -> &'static str {
-        match self {
-            AxisKind::Linear => "mm",
-            AxisKind::Rotary => "deg",
-        }
-    }
-
-    /// Its unit of deviations: a thousandth of that of positions.
-    pub fn deviation_unit(self) -> &'static str {
-        match self {
-            AxisKind::Linear => "µm",
-            AxisKind::Rotary => "mdeg",
-        }
-    }
-}
-
 /// One turn of a rotary axis, in degrees.
 pub const TURN_DEG: f64 = 360.0;
 /// An axis that turns without end counts so far to either side, in degrees: 100,000 turns.
 pub(crate) const ENDLESS_DEG: f64 = 100_000.0 * TURN_DEG;
+
+/// Share of the travel that a search may take where the file does not say.
+const SEARCH_SHARE: f64 = 1.1;
 
 impl Axis {
     /// A place of it as people read it: within one turn where it turns without end.
@@ -225,6 +201,37 @@ impl Axis {
     /// Axis units per increment, in mm.
     pub fn increment_mm(&self) -> f64 {
         self.increment_nm * 1e-6
+    }
+
+    /// Whether it is the second motor of another axis.
+    pub fn is_follower(&self) -> bool {
+        self.gantry.is_some()
+    }
+
+    /// Where the axis goes once it is homed, in mm; none where it stays.
+    pub fn rest_mm(&self) -> Option<f64> {
+        let homing = self.homing?;
+        let braking_mm =
+            homing.search_mm_s.powi(2) / (2.0 * JOG_ACCELERATION_SHARE * self.acceleration_mm_s2);
+        let clear_mm = match homing.method {
+            HomingMethod::Switch => self.lead_mm + braking_mm,
+            HomingMethod::SwitchIndex => (1.0 + INDEX_TURNS) * self.lead_mm + braking_mm,
+            HomingMethod::Index => self.lead_mm / 2.0,
+            HomingMethod::Drive => return homing.rest_mm,
+        };
+        let clear_mm = homing.position_mm - homing.direction.sign() as f64 * clear_mm;
+        let rest_mm = clear_mm.clamp(self.travel_min_mm, self.travel_max_mm);
+        Some(homing.rest_mm.unwrap_or(rest_mm))
+    }
+
+    /// Longest way of a search, in mm; 0 for an axis with an absolute encoder.
+    pub fn search_distance_mm(&self) -> f64 {
+        let travel_mm = self.range_mm();
+        self.homing.map_or(0.0, |homing| {
+            homing
+                .search_distance_mm
+                .unwrap_or(SEARCH_SHARE * travel_mm)
+        })
     }
 
     /// Force at the table that the motor's continuous torque makes: T·2π/lead, in N.

@@ -3,8 +3,6 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::axis::Axis;
-
 /// How an axis without an absolute encoder finds its place.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -74,8 +72,6 @@ pub enum HomingDirection {
 pub const JOG_ACCELERATION_SHARE: f64 = 0.2;
 /// The index must come within so many turns of the motor behind the edge of the switch.
 pub const INDEX_TURNS: f64 = 1.5;
-/// Share of the travel that a search may take where the file does not say.
-const SEARCH_SHARE: f64 = 1.1;
 
 impl HomingMethod {
     /// Whether it has a switch.
@@ -91,33 +87,5 @@ impl HomingDirection {
             HomingDirection::Negative => -1,
             HomingDirection::Positive => 1,
         }
-    }
-}
-
-impl Axis {
-    /// Where the axis goes once it is homed, in mm; none where it stays.
-    pub fn rest_mm(&self) -> Option<f64> {
-        let homing = self.homing?;
-        let braking_mm =
-            homing.search_mm_s.powi(2) / (2.0 * JOG_ACCELERATION_SHARE * self.acceleration_mm_s2);
-        let clear_mm = match homing.method {
-            HomingMethod::Switch => self.lead_mm + braking_mm,
-            HomingMethod::SwitchIndex => (1.0 + INDEX_TURNS) * self.lead_mm + braking_mm,
-            HomingMethod::Index => self.lead_mm / 2.0,
-            HomingMethod::Drive => return homing.rest_mm,
-        };
-        let clear_mm = homing.position_mm - homing.direction.sign() as f64 * clear_mm;
-        let rest_mm = clear_mm.clamp(self.travel_min_mm, self.travel_max_mm);
-        Some(homing.rest_mm.unwrap_or(rest_mm))
-    }
-
-    /// Longest way of a search, in mm; 0 for an axis with an absolute encoder.
-    pub fn search_distance_mm(&self) -> f64 {
-        let travel_mm = self.range_mm();
-        self.homing.map_or(0.0, |homing| {
-            homing
-                .search_distance_mm
-                .unwrap_or(SEARCH_SHARE * travel_mm)
-        })
     }
 }

@@ -10,6 +10,7 @@ use bus::kept_parameters::{KeptFile, kept_file, name_kept_file, text_of_run};
 use bus::sample::Auxiliaries;
 
 use crate::beginning::{Beginning, SPINDLE_FILE, parse_spindle_file, spindle_file_text};
+use crate::kept_files::KeptFiles;
 use crate::machine::Machine;
 use crate::offsets_file::{offsets_text, parse_offsets};
 use crate::parameter_file::{KeptParameters, is_always_kept, parameter_text, parse_parameters};
@@ -28,19 +29,6 @@ const NO_PARAMETERS: &str = "; none yet\n";
 /// A writer that has not let go by then is held up.
 const LOCK_LIMIT: Duration = Duration::from_secs(2);
 const LOCK_LOOK: Duration = Duration::from_millis(2);
-
-/// The files of the user that hold what outlives a run of a machine.
-#[derive(Debug, Clone, PartialEq, Eq, Default)]
-pub struct KeptFiles {
-    /// Numbered parameters; none where the machine file names no such file.
-    pub parameters: Option<PathBuf>,
-    /// Work offsets, which need not be there; none in a copy that holds what its run began with.
-    pub offsets: Option<PathBuf>,
-    /// The tool table, which need not be there: then the machine file's own tools are in force. None where it has the form of LinuxCNC.
-    pub tools: Option<PathBuf>,
-    /// The tool in the spindle, which need not be there; none in a copy that holds what its run began with.
-    pub spindle: Option<PathBuf>,
-}
 
 /// What they hold, as texts, parameters and tools in the form of LinuxCNC.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]

@@ -11,12 +11,16 @@
 
 mod auxiliary;
 mod axis;
+mod axis_kind;
 mod beginning;
+mod begins_with;
 mod fieldbus;
 mod gantry;
+mod gantry_pair;
 mod homing;
 mod interpolation;
 mod kept;
+mod kept_files;
 mod kinematics;
 pub mod learned;
 pub mod learned_path;
@@ -42,15 +46,16 @@ pub mod transmission;
 mod whole_file;
 
 pub use auxiliary::{SPINDLE_RAMP_SHARE, Spindle, ToolChange, ToolChanger};
-pub use axis::{Axis, AxisKind, Changeover, DriveMode, Motor, PositionFeedback, TURN_DEG};
+pub use axis::{Axis, Changeover, DriveMode, Motor, PositionFeedback, TURN_DEG};
+pub use axis_kind::AxisKind;
 pub use beginning::{Beginning, MODES_OF_END, SPINDLE_FILE};
 pub use fieldbus::{AxisDrive, Fieldbus, Sync};
-pub use gantry::{Gantry, GantryPair, SECOND_MOTOR};
+pub use gantry::{Gantry, SECOND_MOTOR};
+pub use gantry_pair::GantryPair;
 pub use homing::{Homing, HomingDirection, HomingMethod, INDEX_TURNS, JOG_ACCELERATION_SHARE};
 pub use interpolation::{Interpolation, StraightLines, WithinPeriod};
-pub use kept::{
-    KeptFiles, KeptTexts, OFFSETS_FILE, TOOLS_FILE, keep_tool, update_offsets, update_tools,
-};
+pub use kept::{KeptTexts, OFFSETS_FILE, TOOLS_FILE, keep_tool, update_offsets, update_tools};
+pub use kept_files::KeptFiles;
 pub use kinematics::{Carries, Kinematics, KinematicsKind};
 pub use load::{copy_named_files, machine_file, reference, schema, snapshot, with_kept};
 pub use log_keeping::LogKeeping;

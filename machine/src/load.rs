@@ -6,7 +6,8 @@ use toml_edit::{DocumentMut, Item, TableLike, value};
 
 use crate::axis::ENDLESS_DEG;
 use crate::beginning::Beginning;
-use crate::kept::{KeptFiles, KeptTexts};
+use crate::kept::KeptTexts;
+use crate::kept_files::KeptFiles;
 use crate::machine::Machine;
 use crate::parameter_file::parse_parameters;
 use crate::renamed::RENAMED;

@@ -13,7 +13,7 @@ use crate::axis::Axis;
 use crate::beginning::Beginning;
 use crate::fieldbus::Fieldbus;
 use crate::interpolation::Interpolation;
-use crate::kept::KeptFiles;
+use crate::kept_files::KeptFiles;
 use crate::kinematics::Kinematics;
 use crate::log_keeping::LogKeeping;
 use crate::manual::Manual;

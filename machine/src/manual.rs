@@ -3,7 +3,7 @@
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use crate::axis::AxisKind;
+use crate::axis_kind::AxisKind;
 use crate::settings_file::Rules;
 
 /// One inch, in mm.

@@ -18,7 +18,7 @@ pub struct PathSettings {
     pub rotary_tolerance_deg: f64,
     /// Highest override of feeds that the order `override` takes. Above 100 % feeds go as far above what the program asks for as the axes bear;
     /// rapids never do.
-    #[schemars(extend("unit" = "%", "minimum" = 100, "maximum" = 200, "default" = 100))]
+    #[schemars(extend("unit" = "%", "minimum" = 100, "maximum" = bus::sample::OVERRIDE_MAX_PERCENT, "default" = 100))]
     pub feed_override_max_percent: u32,
     /// Frequency of the machine that a program's motion does not excite ([method](../methods/smooth-motion.md)). Without it none is spared.
     #[schemars(extend("unit" = "Hz", "minimum" = 2, "maximum" = 1000))]

@@ -2,7 +2,8 @@
 
 use bus::cell::{CELL_NAME_LENGTH_MAX, is_cell_name};
 
-use crate::axis::{Axis, AxisKind};
+use crate::axis::Axis;
+use crate::axis_kind::AxisKind;
 use crate::machine::Machine;
 use crate::manual;
 use crate::positioning::RapidProfile;

@@ -38,6 +38,7 @@ mod range;
 mod reference;
 mod rules;
 mod schema;
+mod slides;
 mod tables;
 mod text;
 

@@ -6,7 +6,7 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 use toml::{Table, Value};
 
-use crate::axis::AxisKind;
+use crate::axis_kind::AxisKind;
 use crate::settings_file::{At, Rules};
 
 /// What stands between a motor and its axis.

@@ -7,14 +7,14 @@ use bytemuck::{Pod, Zeroable};
 
 /// A window as the master keeps it, in a buffer that is allocated once.
 #[derive(Debug, Clone)]
-struct Kept {
+struct KeptWindow {
     header: WindowHeader,
     setpoints: Vec<Setpoint>,
 }
 
-impl Kept {
-    fn none() -> Kept {
-        Kept {
+impl KeptWindow {
+    fn none() -> KeptWindow {
+        KeptWindow {
             header: WindowHeader::zeroed(),
             setpoints: Vec::with_capacity(MAX_WINDOW_SETPOINTS),
         }
@@ -56,15 +56,15 @@ pub struct Left {
     pub program_hash: u64,
     /// The epoch.
     pub epoch: u32,
-    /// Kept zero.
+    /// KeptWindow zero.
     pub reserved: u32,
 }
 
 /// The windows in force and pending.
 #[derive(Debug, Clone)]
 pub struct WindowArbiter {
-    in_force: Kept,
-    pending: Kept,
+    in_force: KeptWindow,
+    pending: KeptWindow,
     armed: bool,
     voided: WindowId,
     epoch: u32,
@@ -94,8 +94,8 @@ impl WindowArbiter {
     /// No window, in the first epoch.
     pub fn new() -> WindowArbiter {
         WindowArbiter {
-            in_force: Kept::none(),
-            pending: Kept::none(),
+            in_force: KeptWindow::none(),
+            pending: KeptWindow::none(),
             armed: false,
             voided: WindowId::NONE,
             epoch: 1,
@@ -273,7 +273,7 @@ impl WindowArbiter {
 
     /// Whether the window that waits comes to rest on the path no later than the one in force.
     pub fn pending_rests_no_later(&self) -> bool {
-        let rests = |kept: &Kept| kept.setpoints.last().map(|last| last.tag);
+        let rests = |kept: &KeptWindow| kept.setpoints.last().map(|last| last.tag);
         let (Some(pending), Some(in_force)) = (rests(&self.pending), rests(&self.in_force)) else {
             return false;
         };

@@ -8,8 +8,8 @@ use bus::cell::{CellError, CellPaths};
 use bus::observer::{Held, Observer};
 use bus::port::OperatorClient;
 use bus::sample::{
-    Auxiliaries, Cause, Feedback, JOG_OVERRIDE_MAX_PERCENT, Mode, OperatorRequest,
-    OperatorResponse, Order, Reference, Refused,
+    Auxiliaries, Cause, Feedback, Mode, OVERRIDE_MAX_PERCENT, OperatorRequest, OperatorResponse,
+    Order, Reference, Refused,
 };
 use bus::service::Bus;
 use machine::{KeptTexts, Machine};
@@ -291,7 +291,7 @@ impl Client {
                 "an override of rapids is 0 to 100 %".into()
             }
             Refused::BadValue if order == Order::JogOverride => {
-                format!("an override of jogs is 0 to {JOG_OVERRIDE_MAX_PERCENT} %")
+                format!("an override of jogs is 0 to {OVERRIDE_MAX_PERCENT} %")
             }
             Refused::BadValue if order == Order::Jog => "a jog is any distance but 0".into(),
             Refused::JogSpeed => format!(

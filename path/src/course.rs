@@ -19,13 +19,12 @@ use crate::path_part::{Laid, PathPart};
 use crate::positioning::rapids as positioning;
 use crate::segment::{Acceleration, Segment};
 
-use sharing::{PlanLimits, Sharing};
+use crate::sharing::{PlanLimits, Sharing};
 
 #[expect(
     clippy::indexing_slicing,
     reason = "each index counts the axes of arrays that have MAX_AXES"
 )]
-pub(crate) mod sharing;
 
 /// Share of an axis' acceleration that crossings of junctions may use; the rest changes the speed meanwhile.
 const JUNCTION_SHARE: f64 = 0.7;

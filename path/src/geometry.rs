@@ -4,6 +4,7 @@
 //! time: the same point is named by the same (element, distance) whatever the feed, the override or the moment of a
 //! restart, which is what lets a restarted planner go on from a tag it reads in the feedback.
 
+mod correction;
 mod shape;
 #[cfg(test)]
 mod tests;
@@ -13,7 +14,7 @@ use std::sync::Arc;
 
 use nalgebra::SVector;
 
-use crate::rounding::Correction;
+pub use correction::{Correction, CubicPiece};
 
 /// The most axes one cell can have.
 pub const MAX_AXES: usize = 8;

@@ -5,7 +5,6 @@ use thiserror::Error;
 use crate::geometry::{AxisVector, MAX_AXES};
 use crate::kinematics::Kinematics;
 use crate::setpoint_settings::{SetpointSettings, StraightLines};
-use crate::setpoints::nearest;
 
 /// The limits of one axis, in its own units (mm for slides, degrees for rotary axes).
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -257,6 +256,11 @@ impl MotionLimits {
             + ACCELERATION_GAP_INCREMENTS;
         increments * axis.increment_mm / (self.scan_period_s * self.scan_period_s)
     }
+}
+
+/// The nearest whole number, of two as near the one further from 0: as `libm::round`, whose number is whole already before it is cut.
+pub(crate) fn nearest(value: f64) -> i64 {
+    (value + f64::copysign(0.5 - 0.25 * f64::EPSILON, value)) as i64
 }
 
 #[cfg(test)]

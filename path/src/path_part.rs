@@ -5,12 +5,12 @@
 use std::collections::VecDeque;
 use std::sync::Arc;
 
-use crate::course::sharing::{LaidPiece, PlanLimits, Sharing};
 use crate::geometry::{AxisVector, Element, Feed, Path, Shape};
 use crate::kinematics::Kinematics;
 use crate::limits::MotionLimits;
 use crate::rounding::{self, Junctions, REACH_ELEMENTS};
 use crate::segment::MapError;
+use crate::sharing::{LaidPiece, PlanLimits, Sharing};
 
 /// Gap between elements that the rounding allowance of the limits covers, in increments.
 const GAP_INCREMENTS_MAX: f64 = 0.25;

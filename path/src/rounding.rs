@@ -33,7 +33,6 @@ use nalgebra::SVector;
 
 use crate::geometry::{AxisVector, Element, Feed, MAX_AXES, RotaryAxes, Shape};
 
-pub use correction::{Correction, CubicPiece};
 pub(crate) use half_widths::NEIGHBOURS;
 pub(crate) use junctions::Junctions;
 

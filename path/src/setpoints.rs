@@ -1,7 +1,7 @@
 //! How a place of the path becomes a setpoint of whole increments: the one border between the two.
 use crate::geometry::{AxisVector, Element, MAX_AXES, Shape};
 use crate::kinematics::Kinematics;
-use crate::limits::{AxisLimits, MotionLimits};
+use crate::limits::{AxisLimits, MotionLimits, nearest};
 use crate::line::StraightLine;
 use crate::setpoint_settings::StraightLines;
 
@@ -85,11 +85,6 @@ fn on_line<const AXES: usize>(
 fn first_axes<const AXES: usize>(vector: &AxisVector) -> [f64; AXES] {
     let first = vector.as_slice().first_chunk::<AXES>();
     first.copied().unwrap_or([0.0; AXES])
-}
-
-/// The nearest whole number, of two as near the one further from 0: as `libm::round`, whose number is whole already before it is cut.
-pub(crate) fn nearest(value: f64) -> i64 {
-    (value + f64::copysign(0.5 - 0.25 * f64::EPSILON, value)) as i64
 }
 
 #[cfg(test)]

@@ -21,7 +21,7 @@
 use std::ops::Range;
 
 use crate::path_part::PathPart;
-use crate::profile::PathState;
+use crate::path_state::PathState;
 use crate::segment::{Acceleration, Segment};
 
 /// Scans that a zone is longer on either side: setpoints are samples, and differences reach over some of them.

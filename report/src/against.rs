@@ -9,7 +9,7 @@ use machine::Machine;
 use serde::Serialize;
 use serde_json::{Map, Value as Json, json};
 
-use super::document::{Block, Columns, Document};
+use super::document::{Block, Columns, Document, section};
 use super::error::ReportError;
 use super::evaluation::{evaluate, program_file};
 use super::files::write;
@@ -237,10 +237,7 @@ fn document(
     if settings.is_empty() {
         differ = vec![Block::Text("The same in both.".into())];
     }
-    let mut sections = vec![
-        contents::section("", head),
-        contents::section("Settings", differ),
-    ];
+    let mut sections = vec![section("", head), section("Settings", differ)];
     for (key, mut section) in compared.sections() {
         if key == "following_error_um" {
             section.blocks.push(Block::Plot {

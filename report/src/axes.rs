@@ -6,7 +6,7 @@ use machine::{Axis, AxisKind, DriveMode};
 use serde::ser::{Serialize, SerializeMap, Serializer};
 
 use super::evaluation::Evaluation;
-use super::json::r3;
+use super::rounded::r3;
 use crate::measure::axis::blocks::BlockPeaks;
 use crate::measure::axis::{AMBIENT_C, AxisMeter};
 use crate::measure::prediction::PredictionMeter;

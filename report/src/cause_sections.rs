@@ -1,8 +1,7 @@
 //! The sections of a report about where errors come from.
 
 use super::causes::{BallBarReport, CauseReport, ContourPartReport, OneWayReport};
-use super::contents::section;
-use super::document::{Block, Columns, Section};
+use super::document::{Block, Columns, Section, section};
 use super::json::Report;
 
 /// Circles whose causes are listed, of those travelled both ways and of those travelled one way; all are in report.json.

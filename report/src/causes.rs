@@ -4,7 +4,7 @@ use machine::AxisKind;
 use serde::Serialize;
 
 use super::evaluation::Evaluation;
-use super::json::{MaxMin, max_min, r3};
+use super::rounded::{MaxMin, max_min, r3};
 use crate::measure::ball_bar::{BallBar, CauseKind, OneWay, Part};
 use crate::measure::contour_parts::ContourCause;
 

@@ -5,12 +5,12 @@ use serde_json::Value as Json;
 
 use super::axes::{AxisReport, PeakRmsPercentiles};
 use super::cause_sections;
-use super::document::{Block, Columns, Document, Fact, Outcome, Section, digits};
+use super::document::{Block, Columns, Document, Fact, Outcome, Section, digits, section};
 use super::json::{
-    ArcReport, AuxiliaryReport, FaultReport, NoteReport, OutcomeKind, Report, ReversalReport,
-    ScanRange,
+    ArcReport, AuxiliaryReport, FaultReport, NoteReport, Report, ReversalReport, ScanRange,
 };
 use super::match_up::orders;
+use super::outcome::OutcomeKind;
 use super::peaks::PeakReport;
 use crate::measure::outcome::Reaction;
 use monitor::said::Line;
@@ -60,13 +60,6 @@ pub(super) fn document(report: &Report, pictures: &Pictures) -> Document {
             report.scans, report.scan_period_us, report.distribution_period_scans, report.pace
         ),
         sections,
-    }
-}
-
-pub(super) fn section(heading: impl Into<String>, blocks: Vec<Block>) -> Section {
-    Section {
-        heading: heading.into(),
-        blocks,
     }
 }
 

@@ -23,6 +23,14 @@ pub(super) struct Section {
     pub blocks: Vec<Block>,
 }
 
+/// A section of these.
+pub(super) fn section(heading: impl Into<String>, blocks: Vec<Block>) -> Section {
+    Section {
+        heading: heading.into(),
+        blocks,
+    }
+}
+
 /// A piece of a section.
 #[derive(Debug)]
 pub(super) enum Block {

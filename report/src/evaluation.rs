@@ -8,7 +8,7 @@ use program::{Along, Answer, Note, ResumeError, Setup};
 use serde_json::Value;
 
 use super::error::ReportError;
-use super::json::OutcomeKind;
+use super::outcome::OutcomeKind;
 use crate::measure::{Analysis, Measurements, RunPath};
 use monitor::log::{Answers, Part, Prescan, RunEnd, RunInfo, RunLog, Sample, Start, skim};
 use monitor::said::Said;

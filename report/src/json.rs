@@ -2,14 +2,16 @@
 //! in thousandths of a degree, rounded to a millionth.
 
 use program::Note;
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 use super::axes::{AxisReport, BlockReport, axes};
 use super::causes::{BallBarReport, ContourPartsReport, ball_bars, contour_parts};
 use super::evaluation::Evaluation;
 pub use super::gaps::ScanRange;
 use super::gaps::{missing_scans, samples_lost};
+use super::outcome::OutcomeKind;
 use super::peaks::{PeakReport, contour_peaks};
+use super::rounded::{MaxMin, max_min, r3};
 use crate::measure::arc::{ArcResult, Deviations};
 use crate::measure::axis::LimitCounts;
 use crate::measure::fit::FitKind;
@@ -128,18 +130,6 @@ pub struct AuxiliaryReport {
     pub event: String,
 }
 
-/// How a run ended, in one word.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum OutcomeKind {
-    /// The program is done and the machine in position.
-    Completed,
-    /// Stopped for a reason.
-    Stopped,
-    /// Stopped by the operator.
-    Interrupted,
-}
-
 /// How a run ended.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct OutcomeReport {
@@ -180,15 +170,6 @@ pub struct PeakRms {
     pub peak: f64,
     /// Root mean square.
     pub rms: f64,
-}
-
-/// Highest and lowest.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct MaxMin {
-    /// Highest.
-    pub max: f64,
-    /// Lowest.
-    pub min: f64,
 }
 
 /// One run of arcs on one circle.
@@ -306,18 +287,6 @@ pub struct FaultReport {
     pub deviation_um: Option<f64>,
     /// Scan in which motion went on; null if it did not stop or did not go on.
     pub resumed_at_scan: Option<u64>,
-}
-
-/// Rounded to 1/1000 of its unit; −0 becomes 0.
-pub(super) fn r3(value: f64) -> f64 {
-    libm::round(value * 1e3) / 1e3 + 0.0
-}
-
-pub(super) fn max_min((max, min): (f64, f64)) -> MaxMin {
-    MaxMin {
-        max: r3(max),
-        min: r3(min),
-    }
 }
 
 impl Report {

@@ -23,11 +23,13 @@ mod label_layout;
 mod match_up;
 pub mod measure;
 pub mod options;
+mod outcome;
 mod path_picture;
 pub mod path_plot;
 mod peaks;
 pub mod plot;
 mod ranking;
+mod rounded;
 pub mod scope_picture;
 mod settings_difference;
 mod side_by_side;
@@ -50,10 +52,12 @@ pub use causes::{BallBarReport, CauseReport, ContourPartReport, ContourPartsRepo
 pub use error::ReportError;
 pub use evaluation::{Evaluation, evaluate, run_path};
 pub use json::{
-    ArcReport, Death, FaultReport, LogReport, MaxMin, OutcomeKind, OutcomeReport, PartReport,
-    PeakRms, ProcessReport, Report, ReversalReport, ScanRange,
+    ArcReport, Death, FaultReport, LogReport, OutcomeReport, PartReport, PeakRms, ProcessReport,
+    Report, ReversalReport, ScanRange,
 };
+pub use outcome::OutcomeKind;
 pub use peaks::PeakReport;
+pub use rounded::MaxMin;
 
 /// Measures the log in a run directory and writes `report.json`, `report.txt`, `report.html` and the plots there.
 ///

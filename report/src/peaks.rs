@@ -8,7 +8,7 @@ use std::path::Path;
 use serde::Serialize;
 
 use super::evaluation::{Evaluation, program_file};
-use super::json::r3;
+use super::rounded::r3;
 
 /// Peaks that are named.
 const PEAKS_MAX: usize = 5;

@@ -8,8 +8,8 @@ use serde::Serialize;
 use serde_json::{Map, Value as Json, json};
 
 use super::document::{Block, Cell, Columns, Document, Row, Section, Table, digits};
-use super::json::r3;
 use super::match_up::matched;
+use super::rounded::r3;
 
 /// The headings of a comparison in their order, and the keys whose numbers stand below each. What has another key is only in
 /// the report.json.

@@ -155,13 +155,13 @@ pub struct Inputs {
     pub panel: u32,
 }
 
-/// Jogs are at most twice as fast as they were asked for.
-pub const JOG_OVERRIDE_MAX_PERCENT: u32 = 200;
+/// Largest override of feed and of jogs: twice what was asked for, in percent.
+pub const OVERRIDE_MAX_PERCENT: u32 = 200;
 
 impl Inputs {
     /// What is shown of the operator's switches: single block, and the overrides of rapids and of jogs in percent.
     pub fn panel(single_block: bool, (rapid_percent, jog_percent): (u32, u32)) -> u32 {
-        let jog_less = 100 - jog_percent.min(JOG_OVERRIDE_MAX_PERCENT) as i32;
+        let jog_less = 100 - jog_percent.min(OVERRIDE_MAX_PERCENT) as i32;
         let jog_less = u32::from(jog_less as u8);
         u32::from(single_block) | (100 - rapid_percent.min(100)) << 8 | jog_less << 16
     }
@@ -179,7 +179,7 @@ impl Inputs {
     /// Override of jogs, in percent.
     pub fn jog_override_percent(&self) -> u32 {
         let less = (self.panel >> 16) as u8 as i8;
-        (100 - i32::from(less)).clamp(0, JOG_OVERRIDE_MAX_PERCENT as i32) as u32
+        (100 - i32::from(less)).clamp(0, OVERRIDE_MAX_PERCENT as i32) as u32
     }
 }
 
@@ -192,7 +192,7 @@ mod tests {
         assert_eq!(Inputs::panel(false, (100, 100)), 0);
         for single_block in [false, true] {
             for rapid_percent in 0..=100 {
-                for jog_percent in 0..=JOG_OVERRIDE_MAX_PERCENT {
+                for jog_percent in 0..=OVERRIDE_MAX_PERCENT {
                     let inputs = Inputs {
                         panel: Inputs::panel(single_block, (rapid_percent, jog_percent)),
                         ..Inputs::default()

@@ -2,7 +2,7 @@
 //!
 //! ethercrab gives every slave of a group the same SYNC0, without a shift: the registers are written here.
 
-use bus::drive_page::SLAVES_MAX;
+use bus::drive_page::{IMAGE_BYTES_MAX, SLAVES_MAX};
 use ethercrab::error::Error;
 use ethercrab::{MainDevice, SubDeviceGroup};
 
@@ -10,7 +10,6 @@ use super::SegmentPlan;
 use super::driver::Driver;
 use super::error::StartUpError;
 use super::objects::{Talk, words};
-use super::segment::IMAGE_BYTES;
 use crate::drive_file::{DriveFile, SyncMode};
 
 /// Two registers of a byte: who controls the signals, and which are on. The first one that begins them.
@@ -96,7 +95,7 @@ pub(super) fn set_clocks(
     driver: &mut Driver<'_>,
     plan: &SegmentPlan,
     main: &MainDevice<'_>,
-    group: &SubDeviceGroup<SLAVES_MAX, IMAGE_BYTES>,
+    group: &SubDeviceGroup<SLAVES_MAX, IMAGE_BYTES_MAX>,
 ) -> Result<u16, StartUpError> {
     const STEP: &str = "setting its SYNC signals";
     let has_clock = |place: &usize| {

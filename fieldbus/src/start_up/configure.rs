@@ -3,7 +3,6 @@
 use super::SegmentPlan;
 use super::error::StartUpError;
 use super::objects::{Source, Talk, is_missing, words};
-use super::segment::without_watchdog;
 use crate::cia402::{self, OptionCode};
 use crate::drive_file::{DriveFile, Mapping};
 use crate::process_data::Pdo;
@@ -42,7 +41,7 @@ pub(super) fn configure(
 
 /// Drives that hear nothing for so long stop by themselves.
 fn set_watchdog(talk: &mut Talk<'_, '_, '_>, plan: &SegmentPlan) -> Result<(), StartUpError> {
-    let units = if without_watchdog(plan) {
+    let units = if plan.is_without_watchdog() {
         0
     } else {
         (plan.bus.watchdog_ms * UNITS_PER_MS).min(u16::MAX.into()) as u16

@@ -1,16 +1,13 @@
 //! Objects of a slave: read and written by size, refusals in words.
 
-use std::rc::Rc;
-
 use ethercrab::error::{Error, MailboxError};
 use ethercrab::{SubDevice, SubDeviceRef};
 use ethercrab_wire::{EtherCrabWireRead, EtherCrabWireSized, WireError};
 
 use super::driver::Driver;
 use super::error::StartUpError;
-use super::found::{ObjectData, ObjectValue, Written};
+use super::found::{ObjectData, ObjectValue};
 use crate::cia402;
-use crate::link::Socket;
 
 /// A slave, and the driver that carries what is asked of it.
 pub(super) struct Talk<'a, 'b, 'c> {
@@ -99,7 +96,7 @@ pub(super) fn is_missing(error: Error) -> bool {
     matches!(abort_code(error), Some(NO_OBJECT | NO_SUBINDEX))
 }
 
-fn is_write_only(error: Error) -> bool {
+pub(super) fn is_write_only(error: Error) -> bool {
     abort_code(error) == Some(WRITE_ONLY)
 }
 
@@ -244,66 +241,4 @@ impl Talk<'_, '_, '_> {
         let written = self.slave.register_write::<u16>(register, value);
         self.driver.run(written).map(|_| ())
     }
-}
-
-/// Reads an object of a slave. All slaves of the segment go to PRE-OP: not on one that runs.
-///
-/// # Errors
-/// [`StartUpError`].
-pub fn read_object(
-    socket: &Rc<Socket>,
-    place: usize,
-    index: u16,
-    sub: u8,
-) -> Result<ObjectData, StartUpError> {
-    super::scan::with_slave(socket, place, |talk| {
-        talk.read_data(index, sub).map_err(|error| {
-            let step = format!("reading {}", cia402::named(index, sub));
-            talk.failed(step, words(error))
-        })
-    })
-}
-
-/// Writes an object of a slave in the size that it has, and reads it back. `bits` is for objects that cannot be read. All slaves of the
-/// segment go to PRE-OP: not on one that runs.
-///
-/// # Errors
-/// [`StartUpError`].
-pub fn write_object(
-    socket: &Rc<Socket>,
-    place: usize,
-    (index, sub): (u16, u8),
-    value: i64,
-    bits: Option<u32>,
-) -> Result<Written, StartUpError> {
-    super::scan::with_slave(socket, place, |talk| {
-        let step = format!("writing {} = {value}", cia402::named(index, sub));
-        let before = match talk.read_data(index, sub) {
-            Ok(data) => Some(data),
-            Err(error) if is_write_only(error) => None,
-            Err(error) => return Err(talk.failed(step, words(error))),
-        };
-        let own_bits = before.as_ref().map(|data| 8 * data.bytes.len() as u32);
-        let bits = own_bits.or(bits).ok_or_else(|| {
-            let what = "it cannot be read, so its size is not known: say it with --bits";
-            talk.failed(step.clone(), what)
-        })?;
-        if !matches!(bits, 8 | 16 | 32) {
-            let what = format!("it has {bits} bits: objects of 8, 16 and 32 bits can be written");
-            return Err(talk.failed(step, what));
-        }
-        if !ObjectValue::holds(bits, value) {
-            let (low, high) = (-(1_i64 << (bits - 1)), (1_i64 << bits) - 1);
-            let what = format!("it has {bits} bits, which hold {low} to {high}");
-            return Err(talk.failed(step, what));
-        }
-        talk.write(index, sub, bits, value)
-            .map_err(|error| talk.failed(step.clone(), words(error)))?;
-        let after = match talk.read_data(index, sub) {
-            Ok(data) => Some(data),
-            Err(error) if is_write_only(error) => None,
-            Err(error) => return Err(talk.failed(format!("{step}, reading it back"), words(error))),
-        };
-        Ok(Written { before, after })
-    })
 }

@@ -9,7 +9,6 @@ use bytemuck::Zeroable;
 
 use super::SegmentPlan;
 use super::error::StartUpError;
-use super::segment::without_watchdog;
 use crate::link::{Cycle, OPERATIONAL, Socket, Tag, request_state};
 
 /// Bit of the AL status that says that it could not.
@@ -48,7 +47,7 @@ pub(super) fn into_operation(
         cycle.send(tag, &image);
         inputs = *cycle.receive(number, now_ns() + ANSWER_NS, || true);
         let late_ns = inputs.clock_late_ns;
-        let waits_for_clock = !without_watchdog(plan) && late_ns.abs() > period_ns / 8;
+        let waits_for_clock = !plan.is_without_watchdog() && late_ns.abs() > period_ns / 8;
         let asks = asked.is_none() && !waits_for_clock;
         if asks {
             asked = Some(number);
@@ -64,7 +63,7 @@ pub(super) fn into_operation(
         if !asks && asked.is_some() && refused || now_ns() - started > LIMIT_NS {
             break;
         }
-        if !without_watchdog(plan) {
+        if !plan.is_without_watchdog() {
             let step_ns = period_ns - (late_ns / 4).clamp(-period_ns / 8, period_ns / 8);
             next_ns += step_ns as u64;
             sleep_until_ns(next_ns);

@@ -1,18 +1,17 @@
-//! Who is on a segment.
+//! A segment that does not run: who is on it, and single objects of its slaves.
 
 use std::rc::Rc;
 use std::time::Duration;
 
-use bus::drive_page::SLAVES_MAX;
+use bus::drive_page::{IMAGE_BYTES_MAX, SLAVES_MAX};
 use bus::realtime::now_ns;
 use ethercrab::error::Error;
 use ethercrab::{Command, MainDevice};
 
 use super::driver::{Driver, Storage, master};
 use super::error::StartUpError;
-use super::found::{FoundPdo, FoundSlave};
-use super::objects::{Talk, words};
-use super::segment::IMAGE_BYTES;
+use super::found::{FoundPdo, FoundSlave, ObjectData, ObjectValue, Written};
+use super::objects::{Talk, is_write_only, words};
 use crate::cia402;
 use crate::link::{AL_STATUS, Socket};
 
@@ -120,7 +119,7 @@ fn with_slaves(
         error => failed("bringing all slaves to PRE-OP", words(error)),
     };
     let before = states(&main, &mut driver).map_err(nobody_or)?;
-    let group = driver.run(main.init_single_group::<SLAVES_MAX, IMAGE_BYTES>(now_ns));
+    let group = driver.run(main.init_single_group::<SLAVES_MAX, IMAGE_BYTES_MAX>(now_ns));
     let group = group.map_err(nobody_or)?;
     if group.is_empty() {
         return Err(StartUpError::Nobody { interface });
@@ -138,7 +137,7 @@ fn with_slaves(
 }
 
 /// Does something with one slave of a segment in PRE-OP.
-pub(super) fn with_slave<T>(
+fn with_slave<T>(
     socket: &Rc<Socket>,
     place: usize,
     what: impl FnOnce(&mut Talk<'_, '_, '_>) -> Result<T, StartUpError>,
@@ -157,5 +156,67 @@ pub(super) fn with_slave<T>(
         slave: socket.interface().to_string(),
         step: format!("looking for place {place} on the cable"),
         what: format!("{count} answer, at places 0 to {}", count - 1),
+    })
+}
+
+/// Reads an object of a slave. All slaves of the segment go to PRE-OP: not on one that runs.
+///
+/// # Errors
+/// [`StartUpError`].
+pub fn read_object(
+    socket: &Rc<Socket>,
+    place: usize,
+    index: u16,
+    sub: u8,
+) -> Result<ObjectData, StartUpError> {
+    with_slave(socket, place, |talk| {
+        talk.read_data(index, sub).map_err(|error| {
+            let step = format!("reading {}", cia402::named(index, sub));
+            talk.failed(step, words(error))
+        })
+    })
+}
+
+/// Writes an object of a slave in the size that it has, and reads it back. `bits` is for objects that cannot be read. All slaves of the
+/// segment go to PRE-OP: not on one that runs.
+///
+/// # Errors
+/// [`StartUpError`].
+pub fn write_object(
+    socket: &Rc<Socket>,
+    place: usize,
+    (index, sub): (u16, u8),
+    value: i64,
+    bits: Option<u32>,
+) -> Result<Written, StartUpError> {
+    with_slave(socket, place, |talk| {
+        let step = format!("writing {} = {value}", cia402::named(index, sub));
+        let before = match talk.read_data(index, sub) {
+            Ok(data) => Some(data),
+            Err(error) if is_write_only(error) => None,
+            Err(error) => return Err(talk.failed(step, words(error))),
+        };
+        let own_bits = before.as_ref().map(|data| 8 * data.bytes.len() as u32);
+        let bits = own_bits.or(bits).ok_or_else(|| {
+            let what = "it cannot be read, so its size is not known: say it with --bits";
+            talk.failed(step.clone(), what)
+        })?;
+        if !matches!(bits, 8 | 16 | 32) {
+            let what = format!("it has {bits} bits: objects of 8, 16 and 32 bits can be written");
+            return Err(talk.failed(step, what));
+        }
+        if !ObjectValue::holds(bits, value) {
+            let (low, high) = (-(1_i64 << (bits - 1)), (1_i64 << bits) - 1);
+            let what = format!("it has {bits} bits, which hold {low} to {high}");
+            return Err(talk.failed(step, what));
+        }
+        talk.write(index, sub, bits, value)
+            .map_err(|error| talk.failed(step.clone(), words(error)))?;
+        let after = match talk.read_data(index, sub) {
+            Ok(data) => Some(data),
+            Err(error) if is_write_only(error) => None,
+            Err(error) => return Err(talk.failed(format!("{step}, reading it back"), words(error))),
+        };
+        Ok(Written { before, after })
     })
 }

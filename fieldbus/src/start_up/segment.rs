@@ -3,8 +3,7 @@
 use std::rc::Rc;
 use std::time::Duration;
 
-use bus::drive_page::{SLAVES_MAX, Wiring};
-use bus::member::Pace;
+use bus::drive_page::{IMAGE_BYTES_MAX, SLAVES_MAX, Wiring};
 use bus::realtime::now_ns;
 use ethercrab::{MainDevice, SubDeviceGroup, SubDeviceIdentity};
 use machine::Sync;
@@ -20,8 +19,6 @@ use super::wiring::read_wiring;
 use crate::drive_file::Identity;
 use crate::link::Socket;
 
-/// Most bytes of process data that ethercrab keeps of its own.
-pub(super) const IMAGE_BYTES: usize = bus::drive_page::IMAGE_BYTES_MAX;
 /// Frames that bring the clocks together before anything is configured.
 const CLOCK_FRAMES: u32 = 2000;
 
@@ -81,8 +78,8 @@ fn find(
     main: &MainDevice<'_>,
     driver: &mut Driver<'_>,
     of_segment: &dyn Fn(&str, String) -> StartUpError,
-) -> Result<SubDeviceGroup<SLAVES_MAX, IMAGE_BYTES>, StartUpError> {
-    let found = driver.run(main.init_single_group::<SLAVES_MAX, IMAGE_BYTES>(now_ns));
+) -> Result<SubDeviceGroup<SLAVES_MAX, IMAGE_BYTES_MAX>, StartUpError> {
+    let found = driver.run(main.init_single_group::<SLAVES_MAX, IMAGE_BYTES_MAX>(now_ns));
     let group = match found {
         Ok(group) => group,
         Err(ethercrab::error::Error::Capacity(_)) => {
@@ -182,9 +179,4 @@ fn judge_slaves(
 fn is_of(there: &SubDeviceIdentity, drive: &Identity) -> bool {
     (there.vendor_id, there.product_id, there.revision)
         == (drive.vendor, drive.product_code, drive.revision)
-}
-
-/// Whether watchdogs are to be off.
-pub(super) fn without_watchdog(plan: &SegmentPlan) -> bool {
-    plan.pace == Pace::Lockstep
 }

@@ -1,10 +1,10 @@
 //! `quadrant-lab bench plants`: what is left at reversals on machines of another structure than the controller's model.
 
-mod course;
 mod distribution;
 mod foreign;
 mod random;
 mod study;
+mod workload;
 
 use std::fmt::Write as _;
 use std::fs;
@@ -15,8 +15,8 @@ use anyhow::Context;
 use machine::{AdaptationMode, Machine, ReversalMethod, machine_file};
 use plant_sim::plant_file::PlantFile;
 
-use self::course::{Course, Left};
 use self::foreign::{FOREIGN, Foreign};
+use self::workload::{Left, Workload};
 use super::lanes::in_order;
 use super::progress::progress_bar;
 use crate::options::PlantsOptions;
@@ -180,14 +180,14 @@ fn one(
     Ok(course().run(&machine, &plant, is_over)?.left)
 }
 
-fn grid() -> Vec<course::Circle> {
+fn grid() -> Vec<workload::Circle> {
     let of_radius = |radius_mm| FEEDS_MM_MIN.map(|feed_mm_min| (radius_mm, feed_mm_min));
     RADII_MM.into_iter().flat_map(of_radius).collect()
 }
 
 /// All of it in one program.
-fn course() -> Course {
-    Course {
+fn course() -> Workload {
+    Workload {
         warm_up: WARM_UP.to_vec(),
         circles: grid(),
         turns: TURNS,

@@ -68,12 +68,12 @@ pub(crate) struct PlannerQueues {
     /// What it has reported of this scan.
     pub status: Option<PlannerStatus>,
     /// What it, and those before it, have kept.
-    pub kept: Kept,
+    pub kept: PlannersKept,
 }
 
 /// What planners keep for those after them.
 #[derive(Debug, Default)]
-pub(crate) struct Kept {
+pub(crate) struct PlannersKept {
     /// Places of the program.
     places: Vec<Place>,
     /// Answers of the machine.

@@ -1,6 +1,7 @@
 //! Rules of one axis: travel, motor, loops, feedback.
 
-use crate::axis::{Axis, AxisKind, DriveMode, PositionFeedback};
+use crate::axis::{Axis, DriveMode, PositionFeedback};
+use crate::axis_kind::AxisKind;
 use crate::homing::HomingMethod;
 use crate::kinematics::Kinematics;
 use crate::machine::Machine;

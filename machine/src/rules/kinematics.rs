@@ -1,6 +1,6 @@
 //! Rules of `[kinematics]`, and of what goes with it.
 
-use crate::axis::AxisKind;
+use crate::axis_kind::AxisKind;
 use crate::interpolation::StraightLines;
 use crate::kinematics::Kinematics;
 use crate::machine::Machine;

@@ -5,7 +5,7 @@ use toml::de::{DeArray, DeTable, DeValue};
 
 use crate::settings_file::document::Document;
 use crate::settings_file::error::SettingsFileError;
-use crate::settings_file::own_units::{self, OwnUnit};
+use crate::settings_file::own_units::OwnUnit;
 use crate::settings_file::problems::{Place, Problems};
 use crate::settings_file::range::spaced;
 use crate::settings_file::schema::{KeySchema, Kind};
@@ -36,7 +36,7 @@ pub fn check(
     let mut check = Check {
         document,
         renamed,
-        rotary_axes: own_units::rotary_axes(document),
+        rotary_axes: document.rotary_axes(),
         problems: Problems::of(document.name()),
         readable: true,
     };
@@ -69,7 +69,7 @@ impl Check<'_> {
         for (key, value) in table {
             let name = key.get_ref().as_ref();
             let at = place.key(name, self.document.line_of(key, value));
-            let of_slide = own_units::slide_key(schema, name);
+            let of_slide = schema.slide_key(name);
             match (schema.key(name), self.new_name(&at.full_path()), of_slide) {
                 (Some(of_key), _, _) => self.value(of_key, None, value, at),
                 (None, Some(new), _) => {
@@ -315,7 +315,7 @@ fn shown_keys<'k>(
     keys: impl Iterator<Item = &'k str>,
     is_rotary: bool,
 ) -> Vec<String> {
-    let own = |key| own_units::own_key(schema, key).filter(|_| is_rotary);
+    let own = |key| schema.own_key(key).filter(|_| is_rotary);
     keys.map(|key| own(key).map_or(key.to_string(), |(own, _)| own))
         .collect()
 }

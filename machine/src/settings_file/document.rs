@@ -145,6 +145,14 @@ impl<'a> Document<'a> {
         };
         self.line(byte)
     }
+
+    /// Which of its axes are rotary, in order.
+    pub fn rotary_axes(&self) -> Vec<bool> {
+        let axes = self.root().get("axis").map(Spanned::get_ref);
+        let axes = axes.and_then(DeValue::as_array).into_iter().flatten();
+        axes.map(|axis| axis.get_ref().as_table().is_some_and(own_units::is_rotary))
+            .collect()
+    }
 }
 
 /// A key of a table with its value, and its name there: of a rotary axis also one of its own.

@@ -8,9 +8,9 @@ use toml::{Table, Value};
 use crate::settings_file::check::{Renamed, check};
 use crate::settings_file::document::Document;
 use crate::settings_file::error::SettingsFileError;
-use crate::settings_file::own_units;
 use crate::settings_file::rules::Rules;
 use crate::settings_file::schema::{KeySchema, Schema};
+use crate::settings_file::slides::into_slides;
 
 /// Reads TOML text into settings, with the defaults of the schema; `name` is the file's, for messages, `relations` are the rules that
 /// relate several keys.
@@ -43,7 +43,7 @@ pub fn load_with<T: DeserializeOwned + JsonSchema>(
     let problems = check(&document, schema.root(), renamed)?;
     let broken = |error: &toml::de::Error| SettingsFileError::Broken(vec![document.message(error)]);
     let mut table: Table = toml::from_str(text).map_err(|error| broken(&error))?;
-    own_units::into_slides(schema.root(), &mut table);
+    into_slides(schema.root(), &mut table);
     complete(&mut table);
     add_defaults(schema.root(), &mut table);
     // What does not fit into its field breaks its range too, and that names the key.

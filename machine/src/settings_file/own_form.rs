@@ -2,7 +2,7 @@
 
 use toml_edit::{DocumentMut, InlineTable, Item, Key, Table, Value};
 
-use crate::settings_file::own_units::{self, OwnUnit};
+use crate::settings_file::own_units::OwnUnit;
 use crate::settings_file::schema::{KeySchema, Schema};
 
 /// Significant digits of a value that was changed and is written in another unit.
@@ -13,7 +13,7 @@ pub fn with_slides(schema: &Schema, document: &DocumentMut) -> DocumentMut {
     let mut slides = document.clone();
     for_rotary(schema, &mut slides, |of_axis, axis, _| {
         renamed(of_axis, axis, &|of_table, key, item| {
-            let (slide, _, unit) = own_units::slide_key(of_table, key)?;
+            let (slide, _, unit) = of_table.slide_key(key)?;
             Some((slide.to_string(), times(item, unit.factor)))
         });
     });
@@ -37,7 +37,7 @@ pub fn with_own_units(
             return;
         }
         renamed(of_axis, axis, &|of_table, key, item| {
-            let (name, unit) = own_units::own_key(of_table, key)?;
+            let (name, unit) = of_table.own_key(key)?;
             Some((name, divided(item, unit)))
         });
         restored(axis, &written(of_axis, read), before);
@@ -49,7 +49,7 @@ pub fn with_own_units(
 fn written(of_axis: KeySchema<'_>, read: &Table) -> Table {
     let mut written = read.clone();
     renamed(of_axis, &mut written, &|of_table, key, item| {
-        let (name, unit) = own_units::own_key(of_table, key)?;
+        let (name, unit) = of_table.own_key(key)?;
         Some((name, divided(item, unit)))
     });
     written

@@ -2,7 +2,6 @@
 
 use std::fmt::Write as _;
 
-use crate::settings_file::own_units;
 use crate::settings_file::schema::{KeySchema, Kind, Schema};
 
 /// Longest line of prose, in characters.
@@ -28,7 +27,7 @@ fn keys(page: &mut String, schema: KeySchema<'_>, path: &str) {
         page.push_str("\n| key | unit | range | default | meaning |\n|---|---|---|---|---|\n");
     }
     for (key, of_key) in values {
-        let own = own_units::own_key(schema, key).filter(|_| is_of_axis(path));
+        let own = schema.own_key(key).filter(|_| is_of_axis(path));
         let own = own.map_or(String::new(), |(own, unit)| {
             format!("; rotary `{own}`, {}", unit.unit)
         });

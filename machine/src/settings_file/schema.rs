@@ -5,7 +5,7 @@ use schemars::transform::transform_subschemas;
 use schemars::{JsonSchema, Schema as JsonSchemaValue};
 use serde_json::{Map, Value, json};
 
-use crate::settings_file::own_units;
+use crate::settings_file::own_units::{self, OWN_UNITS, OwnUnit};
 use crate::settings_file::range::{From, Range};
 
 /// The schema of a settings file.
@@ -119,7 +119,7 @@ fn for_rotary(schema: &mut Value) {
     let mut own = Vec::new();
     for (key, of_key) in keys.iter_mut() {
         for_rotary(of_key);
-        if let Some((name, unit)) = own_units::own_key(KeySchema(&whole), key) {
+        if let Some((name, unit)) = KeySchema(&whole).own_key(key) {
             let mut of_own = of_key.clone();
             own_units::of_rotary(&mut of_own, unit);
             own.push((key.clone(), name, of_own));
@@ -200,6 +200,40 @@ impl<'a> KeySchema<'a> {
             Some(of_item) => of_item.unit(),
             None => self.unit(),
         }
+    }
+
+    /// The key of the slide that a rotary axis has under the name `own` in a table, and its unit there. None for what the table has itself.
+    pub(in crate::settings_file) fn slide_key(
+        self,
+        own: &str,
+    ) -> Option<(&'a str, KeySchema<'a>, &'static OwnUnit)> {
+        if self.key(own).is_some() {
+            return None;
+        }
+        OWN_UNITS.iter().find_map(|unit| {
+            let name = format!(
+                "{}{}",
+                own.strip_suffix(unit.own_ending)?,
+                unit.slide_ending
+            );
+            let (name, of_key) = self.keys().find(|(key, _)| *key == name)?;
+            (of_key.number_unit() == unit.slide_unit).then_some((name, of_key, unit))
+        })
+    }
+
+    /// The name that a rotary axis has for a key of a slide, and its unit; none for what is the same for both.
+    pub(in crate::settings_file) fn own_key(self, key: &str) -> Option<(String, &'static OwnUnit)> {
+        let of_key = self.keys().find(|(name, _)| *name == key)?.1;
+        let unit = OWN_UNITS.iter().find(|unit| {
+            key.ends_with(unit.slide_ending) && of_key.number_unit() == unit.slide_unit
+        })?;
+        let own = format!(
+            "{}{}",
+            key.strip_suffix(unit.slide_ending)?,
+            unit.own_ending
+        );
+        // What a rotary axis would call like another key keeps its name.
+        self.key(&own).is_none().then_some((own, unit))
     }
 
     /// The key of the same table that makes this one needless: by being there, or of a flag by being true.

@@ -3,9 +3,9 @@
 //! (docs/developers/architecture.md, "Events").
 
 use bus::sample::{
-    Auxiliaries, Cause, DIGITAL_OUTPUTS, EventCode, FLOOD, Inputs, JOG_OVERRIDE_MAX_PERCENT,
-    Levels, MAX_AXES, MIST, Mode, OUTPUTS_AHEAD, PathTag, PlannerStatus, ProgramEvent,
-    SpindleCommand, Waiting,
+    Auxiliaries, Cause, DIGITAL_OUTPUTS, EventCode, FLOOD, Inputs, Levels, MAX_AXES, MIST, Mode,
+    OUTPUTS_AHEAD, OVERRIDE_MAX_PERCENT, PathTag, PlannerStatus, ProgramEvent, SpindleCommand,
+    Waiting,
 };
 use bytemuck::{Pod, Zeroable};
 use machine::{Machine, ToolChanger};
@@ -379,7 +379,7 @@ impl Auxiliary {
         if values.iter().chain(&levels.analog).chain(offset).all(sound) {
             self.latches = *latches;
             self.latches.rapid_override_percent = latches.rapid_override_percent.min(100);
-            let most = JOG_OVERRIDE_MAX_PERCENT;
+            let most = OVERRIDE_MAX_PERCENT;
             self.latches.jog_override_percent = latches.jog_override_percent.min(most);
         }
     }

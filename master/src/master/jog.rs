@@ -1,7 +1,7 @@
 //! Jogs: by an increment, and held by somebody who renews the order. Who gave a held jog and is dead, stopped or cut off moves nothing
 //! any more: the axis comes to rest. Deadlines are scans, so that no clock has to agree with another one.
 
-use bus::sample::{JOG_OVERRIDE_MAX_PERCENT, MAX_AXES, Mode, OperatorRequest, Refused};
+use bus::sample::{MAX_AXES, Mode, OVERRIDE_MAX_PERCENT, OperatorRequest, Refused};
 use loops::hand_course::fine;
 use loops::jog::JogProfile;
 use machine::AxisKind;
@@ -401,7 +401,7 @@ impl<D: Drives> Master<D> {
 
     /// Scales the speeds of all jogs, those under way too; 0 rests, and what was begun goes on from there later.
     pub(super) fn order_jog_override(&mut self, percent: f64) -> Result<(), Refusal> {
-        if !(0.0..=f64::from(JOG_OVERRIDE_MAX_PERCENT)).contains(&percent) {
+        if !(0.0..=f64::from(OVERRIDE_MAX_PERCENT)).contains(&percent) {
             return Err(Refused::BadValue.into());
         }
         self.auxiliary.latches.jog_override_percent = percent as u32;

@@ -2,53 +2,20 @@
 
 use nalgebra::SVector;
 
-use crate::geometry::{AxisVector, MAX_AXES};
+use crate::geometry::{Correction, CubicPiece};
 
 use super::{Junction, NEIGHBOURS, of_all, of_first};
 
 /// `|c(d; h)|` is at most this share of `h²`: 0.0083.
 pub(super) const BEND_SHARE: f64 = 120.0;
 
-/// A cubic from a place on.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct CubicPiece<const AXES: usize = MAX_AXES> {
-    /// Where it begins, in mm on its element.
-    pub from_mm: f64,
-    /// What is added there, and its first, second and third derivative with respect to the distance.
-    pub derivatives: [SVector<f64, AXES>; 4],
-}
-
 impl<const AXES: usize> CubicPiece<AXES> {
-    /// What is added at a distance on the element.
-    pub fn value_at(&self, distance_mm: f64) -> SVector<f64, AXES> {
-        let [value, first, second, third] = &self.derivatives;
-        let y = distance_mm - self.from_mm;
-        value + (first + (second + third * (y / 3.0)) * (y / 2.0)) * y
-    }
-
-    /// The same, and the first and second derivative of it.
-    pub fn at(&self, distance_mm: f64) -> [SVector<f64, AXES>; 3] {
-        let [_, first, second, third] = &self.derivatives;
-        let y = distance_mm - self.from_mm;
-        [
-            self.value_at(distance_mm),
-            first + (second + third * (y / 2.0)) * y,
-            second + third * y,
-        ]
-    }
-
     fn of_all(&self) -> CubicPiece {
         CubicPiece {
             from_mm: self.from_mm,
             derivatives: self.derivatives.map(|of| of_all(&of)),
         }
     }
-}
-
-/// What rounding adds to an element.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Correction {
-    pieces: Vec<CubicPiece>,
 }
 
 /// Where a piece lies in a correction.
@@ -292,30 +259,5 @@ impl Correction {
         Some(Self {
             pieces: cubics.pieces.iter().map(CubicPiece::of_all).collect(),
         })
-    }
-
-    /// The cubics, in order; each holds up to the next, the last up to the end of the element.
-    pub fn pieces(&self) -> &[CubicPiece] {
-        &self.pieces
-    }
-
-    /// What is added at a distance on the element, and the first and second derivative of that.
-    pub fn at(&self, distance_mm: f64) -> [AxisVector; 3] {
-        let piece = self.piece_at(distance_mm);
-        piece.map_or([AxisVector::zeros(); 3], |piece| piece.at(distance_mm))
-    }
-
-    /// What is added at a distance on the element.
-    pub fn value_at(&self, distance_mm: f64) -> AxisVector {
-        let piece = self.piece_at(distance_mm);
-        piece.map_or_else(AxisVector::zeros, |piece| piece.value_at(distance_mm))
-    }
-
-    /// The cubic that holds at a distance on the element; the first before it.
-    pub(crate) fn piece_at(&self, distance_mm: f64) -> Option<&CubicPiece> {
-        let behind = self
-            .pieces
-            .partition_point(|piece| piece.from_mm <= distance_mm);
-        self.pieces.get(behind.max(1) - 1)
     }
 }

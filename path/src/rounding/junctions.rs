@@ -2,9 +2,9 @@
 
 use std::ops::Range;
 
-use crate::geometry::{Element, MAX_AXES};
+use crate::geometry::{Correction, Element, MAX_AXES};
 
-use super::correction::{Correction, Cubics, Round};
+use super::correction::{Cubics, Round};
 use super::evening::{self, FITTED};
 use super::{Junction, REACH_ELEMENTS, RoundingSettings, half_widths, of_all};
 

@@ -1,5 +1,5 @@
 use super::*;
-use crate::geometry::PathTolerance;
+use crate::geometry::{Correction, PathTolerance};
 use proptest::prelude::*;
 
 const SETTINGS: RoundingSettings = RoundingSettings {

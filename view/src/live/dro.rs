@@ -14,7 +14,7 @@ const HALF_A_DIGIT: f64 = 0.5e-4;
 
 /// What is known of a program for the readout.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Course {
+pub struct ProgramTimes {
     /// Its states along the path.
     pub modes: Modes,
     /// Time to the beginning of each element at full speed, in s.
@@ -22,9 +22,9 @@ pub struct Course {
     total_s: f64,
 }
 
-impl Course {
+impl ProgramTimes {
     /// Of a path and its states.
-    pub fn new(machine: &Machine, path: &Path, modes: Modes) -> Course {
+    pub fn new(machine: &Machine, path: &Path, modes: Modes) -> ProgramTimes {
         let mut total_s = 0.0;
         let times = path.elements.iter().map(|element| {
             let begins_s = total_s;
@@ -32,7 +32,7 @@ impl Course {
             begins_s
         });
         let begins_s = times.collect();
-        Course {
+        ProgramTimes {
             modes,
             begins_s,
             total_s,

@@ -12,7 +12,7 @@ use bus::sample::{Auxiliaries, Feedback, Levels};
 use bus::service::RECORDER_DEPTH_SCANS;
 use machine::Machine;
 
-use super::dro::Course;
+use super::dro::ProgramTimes;
 use super::fieldbus::BusView;
 use super::model::Model;
 use super::ports::Ports;
@@ -210,7 +210,7 @@ impl Feed {
         let path = self.model.program.as_ref().map(|program| &program.path);
         self.model.course = path.and_then(|path| {
             let modes = modes_behind(file, &machine, feedback)?;
-            Some(Course::new(&machine, path, modes))
+            Some(ProgramTimes::new(&machine, path, modes))
         });
     }
 

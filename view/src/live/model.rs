@@ -17,7 +17,7 @@ use remote::wire::ProcessState;
 
 use super::axis::AxisView;
 use super::circle::CircleView;
-use super::dro::Course;
+use super::dro::ProgramTimes;
 use super::events::{Events, Weight};
 use super::fieldbus::BusView;
 use super::reversal::Reversals;
@@ -95,7 +95,7 @@ pub struct Model {
     /// The program, if it could be read.
     pub program: Option<Program>,
     /// What is known of it for the readout.
-    pub course: Option<Course>,
+    pub course: Option<ProgramTimes>,
     /// The state that the next program begins with, if it is known.
     pub next_start: Option<Modal>,
     /// File name of the program that was loaded into a cell that stays up.

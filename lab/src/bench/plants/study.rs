@@ -6,9 +6,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use machine::Machine;
 use plant_sim::plant_file::PlantFile;
 
-use super::course::{Circle, Course, Ran};
 use super::distribution::{Distribution, percent};
 use super::random::{RandomPlant, draw, structures};
+use super::workload::{Circle, Ran, Workload};
 use super::{WAYS, Way, summary, write};
 use crate::bench::lanes::in_order;
 use crate::bench::progress::progress_bar;
@@ -62,7 +62,7 @@ pub(super) fn random(
 ) -> Outcome {
     let signals = Signals::catch().environment()?;
     let ways: Vec<&Way> = WAYS.iter().filter(|way| way.name != "tuned").collect();
-    let course = Course {
+    let course = Workload {
         warm_up: WARM_UP.to_vec(),
         circles: CIRCLES.to_vec(),
         turns: 1,

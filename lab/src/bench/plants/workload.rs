@@ -25,7 +25,7 @@ pub(crate) type Circle = (f64, f64);
 
 /// What is run.
 #[derive(Debug, Clone)]
-pub(crate) struct Course {
+pub(crate) struct Workload {
     /// Circles before those that count, in which the servos see the machine that they drive.
     pub warm_up: Vec<Circle>,
     /// Those that count.
@@ -50,7 +50,7 @@ pub(crate) struct Ran {
     pub cycling: Vec<bool>,
 }
 
-impl Course {
+impl Workload {
     /// The program, and the lines of each circle that counts.
     fn program(&self) -> (String, Vec<Vec<u32>>) {
         let mut text = String::from("G21 G17 G90 G94\n");

@@ -1,10 +1,9 @@
 //! What the axes bear on one element.
 
 use crate::axis_rates::AxisRates;
-use crate::geometry::{AxisVector, Element, MAX_AXES, Shape};
+use crate::geometry::{AxisVector, CubicPiece, Element, MAX_AXES, Shape};
 use crate::kinematics::Kinematics;
 use crate::limits::MotionLimits;
-use crate::rounding::CubicPiece;
 
 /// Share of an axis' acceleration that a curve may use across the path: a little remains along it at that speed, more at every lower one.
 const CENTRIPETAL_SHARE: f64 = 0.95;

@@ -1,0 +1,123 @@
+//! The gantries of a machine, and what is true of both motors of one.
+
+use bus::drive_codes::with_code;
+use bus::sample::{Cause, Feedback};
+
+use crate::axis::{Axis, PositionFeedback};
+use crate::machine::Machine;
+
+/// Two motors of one axis, by their places among the axes of the machine.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct GantryPair {
+    /// The axis's own motor.
+    pub leader: usize,
+    /// Its second motor.
+    pub follower: usize,
+    /// Largest skew, in mm.
+    pub skew_max_mm: f64,
+    /// Largest lasting difference of their torques, in percent of the rated ones.
+    pub torque_difference_max_percent: f64,
+}
+
+impl GantryPair {
+    /// Puts the mean of the two motors' places, in mm, in the place of the first, and 0 in that of the second.
+    pub fn meet(&self, motors_mm: &mut [f64]) {
+        let Some(end_mm) = motors_mm.get_mut(self.follower).map(std::mem::take) else {
+            return;
+        };
+        if let Some(place_mm) = motors_mm.get_mut(self.leader) {
+            *place_mm = 0.5 * (*place_mm + end_mm);
+        }
+    }
+}
+
+impl Machine {
+    /// The axes that programs and operators name, in front of the second motors of gantries.
+    pub fn program_axes(&self) -> &[Axis] {
+        let followers = self.axes.iter().position(Axis::is_follower);
+        let count = followers.unwrap_or(self.axes.len());
+        self.axes.get(..count).unwrap_or(&self.axes)
+    }
+
+    /// The gantries of the machine.
+    pub fn gantries(&self) -> impl Iterator<Item = GantryPair> + '_ {
+        self.axes.iter().enumerate().filter_map(|(follower, axis)| {
+            let gantry = axis.gantry.as_ref()?;
+            let leader = self.axes.iter().position(|of| of.name == gantry.leader)?;
+            Some(GantryPair {
+                leader,
+                follower,
+                skew_max_mm: gantry.skew_max_mm,
+                torque_difference_max_percent: gantry.torque_difference_max_percent,
+            })
+        })
+    }
+
+    /// The gantry that an axis is half of.
+    pub fn gantry_of(&self, axis: usize) -> Option<GantryPair> {
+        self.gantries()
+            .find(|pair| pair.leader == axis || pair.follower == axis)
+    }
+
+    /// Makes of the places of all motors those of the axes that programs name: a tool in the middle of a bridge is where the mean of
+    /// its two ends is; second motors have none.
+    pub fn to_program_axes(&self, motors_mm: &mut [f64]) {
+        for pair in self.gantries() {
+            pair.meet(motors_mm);
+        }
+    }
+
+    /// Position of the second motor of a gantry less that of the first, by what the servos go by, in mm.
+    pub fn skew_mm(&self, pair: &GantryPair, feedback: &Feedback) -> f64 {
+        let place = |index: usize| {
+            let (axis, shown) = (self.axes.get(index)?, feedback.axes.get(index)?);
+            Some(match axis.feedback {
+                PositionFeedback::Motor => shown.motor_position,
+                PositionFeedback::Scale => shown.scale_position,
+            })
+        };
+        let skew = place(pair.follower).zip(place(pair.leader));
+        let skew = skew.map_or(0, |(follower, leader)| follower.saturating_sub(leader));
+        let increment_mm = self.axes.get(pair.follower).map(Axis::increment_mm);
+        skew as f64 * increment_mm.unwrap_or(0.0)
+    }
+
+    /// A cause of a stop of an axis in words, with the code that its feedback has for it.
+    pub fn cause_words(&self, cause: Cause, axis: usize, code: u32) -> String {
+        let words = with_code(cause, code);
+        let Some(pair) = self.gantry_of(axis) else {
+            return words;
+        };
+        let motors = [pair.leader, pair.follower].map(|motor| self.axis_name(motor));
+        let [leader, follower] = motors;
+        match cause {
+            Cause::Skew => format!(
+                "{words} between {leader} and {follower}, at most {} {} is allowed",
+                pair.skew_max_mm,
+                self.axes.get(axis).map_or("mm", |axis| axis.kind.unit()),
+            ),
+            Cause::GantryTorque => format!(
+                "{words} of their rated torque between {leader} and {follower}, at most {} % is allowed: enable lets the bridge relax; \
+                 where it comes again, compare position_mm of the two, or square the bridge",
+                pair.torque_difference_max_percent,
+            ),
+            _ => words,
+        }
+    }
+
+    /// Index of the axis of this letter, for whoever moves or sets it.
+    ///
+    /// # Errors
+    /// The machine has none, or it is the second motor of one; says what is right.
+    pub fn program_axis_index(&self, letter: &str) -> Result<u32, String> {
+        let index = self.axis_index(letter)?;
+        let axis = self.axes.get(index as usize);
+        match axis.and_then(|axis| axis.gantry.as_ref()) {
+            None => Ok(index),
+            Some(gantry) => Err(format!(
+                "axis {letter:?}: is the second motor of {leader} and moves with it: name {leader}",
+                leader = gantry.leader
+            )),
+        }
+    }
+}
