@@ -1,9 +1,12 @@
 //! The house rules: who may use whom, held by reading the sources.
 
+mod product;
+
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+use product::Product;
 use serde_json::Value;
 
 use crate::support::root;
@@ -213,6 +216,27 @@ fn the_root_package_has_at_most_1500_lines() {
     let lines = sources(&root().join("src"));
     let lines: usize = lines.iter().map(|(_, text)| text.lines().count()).sum();
     assert!(lines <= 1500, "{lines} lines in src/");
+}
+
+/// Lines of code that one head can hold. A change that needs more says why in docs/developers/decisions.md.
+#[test]
+fn cell_and_desk_keep_their_budgets_of_lines() {
+    let lines = |krate: &&str| Product::of(&folder(krate)).lines();
+    let cell: usize = CELL.iter().map(lines).sum();
+    let desk: usize = DESK.iter().map(lines).sum();
+    println!("cell {cell}, desk {desk}");
+    assert!(cell <= 60_000, "the cell has {cell} lines of code");
+    assert!(desk <= 35_000, "the desk has {desk} lines of code");
+}
+
+/// A reader of one module need not know those that use it.
+#[test]
+fn no_modules_of_a_crate_use_each_other_in_a_circle() {
+    let crates = CELL.iter().filter(|krate| **krate != "master");
+    for krate in crates.chain(&["report"]) {
+        let circles = Product::of(&folder(krate)).circles(&folder(krate));
+        assert!(circles.is_empty(), "{krate}: {circles:?}");
+    }
 }
 
 /// What sends wrong samples is in the lab, whose command is not built with the others.

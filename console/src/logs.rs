@@ -6,16 +6,23 @@ use std::sync::OnceLock;
 
 use anyhow::bail;
 use indicatif::ProgressBar;
-use tracing_subscriber::EnvFilter;
-use tracing_subscriber::filter::LevelFilter;
+use tracing_subscriber::filter::{LevelFilter, Targets};
+use tracing_subscriber::fmt::layer;
+use tracing_subscriber::layer::SubscriberExt;
+use tracing_subscriber::registry;
+use tracing_subscriber::util::SubscriberInitExt;
 
 use crate::output::{self, Stream};
 
 /// Variable with the filter of all processes, in the syntax of `tracing` (info, debug, servo=trace, …).
 pub const FILTER_VARIABLE: &str = "QUADRANT_LOG";
 
-fn filter(default: &str) -> EnvFilter {
-    EnvFilter::try_from_env(FILTER_VARIABLE).unwrap_or_else(|_| EnvFilter::new(default))
+fn filter() -> Targets {
+    let set = std::env::var(FILTER_VARIABLE).unwrap_or_default();
+    match set.parse() {
+        Ok(filter) if !set.trim().is_empty() => filter,
+        _ => Targets::new().with_default(LevelFilter::INFO),
+    }
 }
 
 /// What may be named in the filter: the parts of quadrant and the libraries that log.
@@ -70,16 +77,12 @@ fn is_directive(directive: &str) -> bool {
     let is_level = |word: &str| word.parse::<LevelFilter>().is_ok();
     let is_target = |word: &str| {
         let part = word.split("::").next().unwrap_or_default();
-        TARGETS.contains(&part.split(['[', '{']).next().unwrap_or_default())
+        TARGETS.contains(&part)
     };
-    let parts = match directive.rsplit_once('=') {
+    match directive.rsplit_once('=') {
         Some((target, level)) => is_target(target) && is_level(level),
         None => is_level(directive) || is_target(directive),
-    };
-    parts
-        && directive
-            .parse::<tracing_subscriber::filter::Directive>()
-            .is_ok()
+    }
 }
 
 /// The progress bar that stands below the log, once there is one.
@@ -110,24 +113,17 @@ impl Write for AboveTheBar {
 
 /// Logging of the launcher and of commands that run alone.
 pub fn init_launcher() {
-    let _ = tracing_subscriber::fmt()
-        .with_env_filter(filter("info"))
-        .with_writer(|| AboveTheBar)
-        .with_ansi(std::io::stderr().is_terminal())
-        .with_target(false)
-        .without_time()
-        .try_init();
+    let lines = layer().with_writer(|| AboveTheBar);
+    let lines = lines.with_ansi(std::io::stderr().is_terminal());
+    let lines = lines.with_target(false).without_time();
+    let _ = registry().with(filter()).with(lines).try_init();
 }
 
 /// Logging of a child: plain lines that the launcher understands.
 pub fn init_role() {
-    let _ = tracing_subscriber::fmt()
-        .with_env_filter(filter("info"))
-        .with_writer(std::io::stderr)
-        .with_ansi(false)
-        .with_target(false)
-        .without_time()
-        .try_init();
+    let lines = layer().with_writer(std::io::stderr).with_ansi(false);
+    let lines = lines.with_target(false).without_time();
+    let _ = registry().with(filter()).with(lines).try_init();
 }
 
 /// Bytes of a child's line; a longer one is passed on in pieces.
