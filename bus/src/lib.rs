@@ -12,6 +12,9 @@
     )
 )]
 
+#[macro_use]
+mod wire_enum;
+
 pub mod cell;
 pub mod drive_codes;
 pub mod drive_page;

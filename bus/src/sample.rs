@@ -118,208 +118,119 @@ pub struct WindowHeader {
     pub ends_program: u32,
 }
 
-/// What the machine is doing: latched by the master, obeyed by everybody.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[repr(u32)]
-pub enum Mode {
-    /// Drives have no torque.
-    Disabled = 0,
-    /// Drives are on and windows are executed.
-    Enabled = 1,
-    /// No further window is admitted; the one in force brings the tool to rest on the path.
-    Stopping = 2,
-    /// At rest after a stop, drives on.
-    Stopped = 3,
-    /// A fault: the drives brake or have braked; held until somebody resets it.
-    Tripped = 4,
-    /// The program is done and the machine is in position.
-    Finished = 5,
-    /// A second controller moves an axis by hand; no window is executed.
-    Jogging = 6,
-    /// Drives on, at rest, and no program is running: of a cell that stays up.
-    Ready = 7,
-}
-
-impl Mode {
-    /// All of them, each at its number.
-    pub const ALL: [Mode; 8] = [
-        Mode::Disabled,
-        Mode::Enabled,
-        Mode::Stopping,
-        Mode::Stopped,
-        Mode::Tripped,
-        Mode::Finished,
-        Mode::Jogging,
-        Mode::Ready,
-    ];
-
-    /// Decodes what came over the wire.
-    pub fn from_wire(value: u32) -> Option<Mode> {
-        Self::ALL.into_iter().find(|mode| *mode as u32 == value)
+wire_enum! {
+    /// What the machine is doing: latched by the master, obeyed by everybody.
+    pub enum Mode {
+        /// Drives have no torque.
+        Disabled = 0 => "disabled",
+        /// Drives are on and windows are executed.
+        Enabled = 1 => "enabled",
+        /// No further window is admitted; the one in force brings the tool to rest on the path.
+        Stopping = 2 => "stopping",
+        /// At rest after a stop, drives on.
+        Stopped = 3 => "stopped",
+        /// A fault: the drives brake or have braked; held until somebody resets it.
+        Tripped = 4 => "tripped",
+        /// The program is done and the machine is in position.
+        Finished = 5 => "finished",
+        /// A second controller moves an axis by hand; no window is executed.
+        Jogging = 6 => "jogging",
+        /// Drives on, at rest, and no program is running: of a cell that stays up.
+        Ready = 7 => "ready",
     }
-
     /// The word for it on screens and in reports.
-    pub fn word(self) -> &'static str {
-        match self {
-            Mode::Disabled => "disabled",
-            Mode::Enabled => "enabled",
-            Mode::Stopping => "stopping",
-            Mode::Stopped => "stopped",
-            Mode::Tripped => "tripped",
-            Mode::Finished => "finished",
-            Mode::Jogging => "jogging",
-            Mode::Ready => "ready",
-        }
-    }
+    pub fn word
 }
 
-/// How far a cell is with its program: latched by the master.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[repr(u32)]
-pub enum ProgramState {
-    /// None is loaded, or the planner has refused it.
-    None = 0,
-    /// The planner is reading it.
-    Loading = 1,
-    /// It can be started.
-    Loaded = 2,
-    /// It was started and is not done: moving, held, stopped, tripped or with the drives off.
-    Running = 3,
-    /// It is done and can be started again.
-    Done = 4,
-}
-
-impl ProgramState {
-    /// All of them, each at its number.
-    pub const ALL: [ProgramState; 5] = [
-        ProgramState::None,
-        ProgramState::Loading,
-        ProgramState::Loaded,
-        ProgramState::Running,
-        ProgramState::Done,
-    ];
-
-    /// Decodes what came over the wire.
-    pub fn from_wire(value: u32) -> Option<ProgramState> {
-        Self::ALL.into_iter().find(|state| *state as u32 == value)
+wire_enum! {
+    /// How far a cell is with its program: latched by the master.
+    pub enum ProgramState {
+        /// None is loaded, or the planner has refused it.
+        None = 0 => "none",
+        /// The planner is reading it.
+        Loading = 1 => "loading",
+        /// It can be started.
+        Loaded = 2 => "loaded",
+        /// It was started and is not done: moving, held, stopped, tripped or with the drives off.
+        Running = 3 => "running",
+        /// It is done and can be started again.
+        Done = 4 => "done",
     }
-
     /// The word for it on screens and in reports.
-    pub fn word(self) -> &'static str {
-        match self {
-            ProgramState::None => "none",
-            ProgramState::Loading => "loading",
-            ProgramState::Loaded => "loaded",
-            ProgramState::Running => "running",
-            ProgramState::Done => "done",
-        }
-    }
+    pub fn word
 }
 
-/// Why an axis, and with it the machine, stopped.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[repr(u32)]
-pub enum Cause {
-    /// No stop.
-    None = 0,
-    /// The following error went beyond its limit.
-    FollowingError = 1,
-    /// The command or the axis left the travel.
-    SoftLimit = 2,
-    /// A command beyond the speed limit.
-    SpeedLimit = 3,
-    /// A value that is not a number, or out of all reason.
-    BadValue = 4,
-    /// The feedback does not make sense (scan, mode or window).
-    BadFeedback = 5,
-    /// The servo does not hold the window that is being executed.
-    WindowMissing = 6,
-    /// Too many scans in a row without a command: the drive's watchdog.
-    Watchdog = 7,
-    /// The servo process of the axis died.
-    ServoLost = 8,
-    /// The torque stayed at its limit.
-    TorqueLimit = 10,
-    /// The planner cannot go on (its program is unreadable, changed or out of limits).
-    Planner = 11,
-    /// The axis is at the programmed end and never came into its in-position window.
-    NotInPosition = 12,
-    /// The master died and was restarted: the drives have braked by themselves and are off.
-    MasterLost = 13,
-    /// The drive of the axis reports a fault of its own.
-    DriveFault = 14,
-    /// The drive of the axis does not answer any more.
-    DriveLost = 15,
-    /// The drive of the axis is off, though it was not ordered so, or did not come on in time.
-    DriveOff = 16,
-    /// The axis has no reference: nobody knows where it is.
-    NotReferenced = 17,
-    /// The master itself did not run for longer than the watchdog: the drives have braked by themselves and are off.
-    Stalled = 18,
-    /// The spindle has a fault, or did not reach its speed, angle or standstill in time.
-    Spindle = 19,
-    /// The tool changer did not confirm the tool in time.
-    ToolChange = 20,
-    /// A probing motion (G38.2, G38.4) came to its end and the contact did not change.
-    ProbeMissed = 24,
-    /// A probing motion was to begin and the contact was already as it is to be at its end.
-    ProbeEarly = 25,
-    /// The contact changed in a probing motion while nobody watched it.
-    ProbeLost = 26,
-    /// Homing has not found the edge of the home switch within the longest way of a search.
-    HomeSwitch = 27,
-    /// Homing has not found the index of the motor encoder.
-    HomeIndex = 28,
-    /// A drive that homes by itself did not end in time.
-    HomeDrive = 29,
-    /// The operator has ordered an emergency stop.
-    EmergencyStop = 30,
-    /// The two motors of a gantry are further apart than they may be; the axis is the second of them.
-    Skew = 31,
-    /// The program has given itself up by (ABORT, …): its text is the last message.
-    Abort = 32,
-    /// The two motors of a gantry pull against each other for too long; the axis is the second of them.
-    GantryTorque = 33,
-    /// The probe made contact in a motion by hand, which has come to rest where it could.
-    ProbeJogged = 34,
+wire_enum! {
+    /// Why an axis, and with it the machine, stopped. A number is never given to another cause: logs keep them.
+    pub enum Cause {
+        /// No stop.
+        None = 0 => "no fault",
+        /// The following error went beyond its limit.
+        FollowingError = 1 => "following error beyond its limit",
+        /// The command or the axis left the travel.
+        SoftLimit = 2 => "soft limit",
+        /// A command beyond the speed limit.
+        SpeedLimit = 3 => "speed limit",
+        /// A value that is not a number, or out of all reason.
+        BadValue = 4 => "a value that is not finite or out of range",
+        /// The feedback does not make sense (scan, mode or window).
+        BadFeedback = 5 => "feedback that does not make sense",
+        /// The servo does not hold the window that is being executed.
+        WindowMissing = 6 => "servo does not hold the window being executed",
+        /// Too many scans in a row without a command: the drive's watchdog.
+        Watchdog = 7 => "commands missing for too many scans",
+        /// The servo process of the axis died.
+        ServoLost = 8 => "servo process lost",
+        /// The torque stayed at its limit.
+        TorqueLimit = 10 => "torque at its limit for too long",
+        /// The planner cannot go on (its program is unreadable, changed or out of limits).
+        Planner = 11 => "planner cannot go on",
+        /// The axis is at the programmed end and never came into its in-position window.
+        NotInPosition = 12 => "not in position at the programmed end",
+        /// The master died and was restarted: the drives have braked by themselves and are off.
+        MasterLost = 13 => "master lost and restarted, drives off",
+        /// The drive of the axis reports a fault of its own.
+        DriveFault = 14 => "drive fault",
+        /// The drive of the axis does not answer any more.
+        DriveLost = 15 => "drive does not answer",
+        /// The drive of the axis is off, though it was not ordered so, or did not come on in time.
+        DriveOff = 16 => "drive is off, or did not come on in time",
+        /// The axis has no reference: nobody knows where it is.
+        NotReferenced = 17 => "axis has no reference: home it first",
+        /// The master itself did not run for longer than the watchdog: the drives have braked by themselves and are off.
+        Stalled = 18 => "master stalled for longer than the watchdog, drives off",
+        /// The spindle has a fault, or did not reach its speed, angle or standstill in time.
+        Spindle = 19 => "spindle fault, or not where it was ordered in time",
+        /// The tool changer did not confirm the tool in time.
+        ToolChange = 20 => "tool change not confirmed in time",
+        /// A probing motion (G38.2, G38.4) came to its end and the contact did not change.
+        ProbeMissed = 24 => "the probe made no contact (G38.2) or kept it (G38.4) to the end of its motion",
+        /// A probing motion was to begin and the contact was already as it is to be at its end.
+        ProbeEarly = 25 => "the probe was in contact (G38.2, G38.3) or free (G38.4, G38.5) before its motion began",
+        /// The contact changed in a probing motion while nobody watched it.
+        ProbeLost = 26 => "the probe's contact changed while nobody watched it: probe again",
+        /// Homing has not found the edge of the home switch within the longest way of a search.
+        HomeSwitch = 27 => "no edge of the home switch within the search distance: is the direction right, and the input?",
+        /// Homing has not found the index of the motor encoder.
+        HomeIndex = 28 => "no index of the motor encoder where one should be",
+        /// A drive that homes by itself did not end in time.
+        HomeDrive = 29 => "the drive did not home in time",
+        /// The operator has ordered an emergency stop.
+        EmergencyStop = 30 => "emergency stop by the operator",
+        /// The two motors of a gantry are further apart than they may be; the axis is the second of them.
+        Skew = 31 => "the two motors of the gantry are too far apart (skew)",
+        /// The program has given itself up by (ABORT, …): its text is the last message.
+        Abort = 32 => "given up by the program itself (ABORT)",
+        /// The two motors of a gantry pull against each other for too long; the axis is the second of them.
+        GantryTorque = 33 => "the two motors of the gantry pull against each other",
+        /// The probe made contact in a motion by hand, which has come to rest where it could.
+        ProbeJogged = 34 => "the probe made contact in a jog: jog it off",
+    }
+    /// A sentence fragment for people.
+    pub fn words
 }
 
 impl Cause {
-    /// All of them. A number is never given to another cause: logs keep them.
-    pub const ALL: [Cause; 31] = [
-        Cause::None,
-        Cause::FollowingError,
-        Cause::SoftLimit,
-        Cause::SpeedLimit,
-        Cause::BadValue,
-        Cause::BadFeedback,
-        Cause::WindowMissing,
-        Cause::Watchdog,
-        Cause::ServoLost,
-        Cause::TorqueLimit,
-        Cause::Planner,
-        Cause::NotInPosition,
-        Cause::MasterLost,
-        Cause::DriveFault,
-        Cause::DriveLost,
-        Cause::DriveOff,
-        Cause::NotReferenced,
-        Cause::Stalled,
-        Cause::Spindle,
-        Cause::ToolChange,
-        Cause::ProbeMissed,
-        Cause::ProbeEarly,
-        Cause::ProbeLost,
-        Cause::HomeSwitch,
-        Cause::HomeIndex,
-        Cause::HomeDrive,
-        Cause::EmergencyStop,
-        Cause::Skew,
-        Cause::Abort,
-        Cause::GantryTorque,
-        Cause::ProbeJogged,
-    ];
-
     /// Whether a servo can know it: of its own axis, and of what it was told.
     pub fn is_of_servo(self) -> bool {
         matches!(
@@ -332,54 +243,6 @@ impl Cause {
                 | Cause::WindowMissing
                 | Cause::TorqueLimit
         )
-    }
-
-    /// Decodes what came over the wire.
-    pub fn from_wire(value: u32) -> Option<Cause> {
-        Self::ALL.into_iter().find(|cause| *cause as u32 == value)
-    }
-
-    /// A sentence fragment for people.
-    pub fn words(self) -> &'static str {
-        match self {
-            Cause::None => "no fault",
-            Cause::FollowingError => "following error beyond its limit",
-            Cause::SoftLimit => "soft limit",
-            Cause::SpeedLimit => "speed limit",
-            Cause::BadValue => "a value that is not finite or out of range",
-            Cause::BadFeedback => "feedback that does not make sense",
-            Cause::WindowMissing => "servo does not hold the window being executed",
-            Cause::Watchdog => "commands missing for too many scans",
-            Cause::ServoLost => "servo process lost",
-            Cause::TorqueLimit => "torque at its limit for too long",
-            Cause::Planner => "planner cannot go on",
-            Cause::NotInPosition => "not in position at the programmed end",
-            Cause::DriveFault => "drive fault",
-            Cause::DriveLost => "drive does not answer",
-            Cause::DriveOff => "drive is off, or did not come on in time",
-            Cause::NotReferenced => "axis has no reference: home it first",
-            Cause::MasterLost => "master lost and restarted, drives off",
-            Cause::Spindle => "spindle fault, or not where it was ordered in time",
-            Cause::ToolChange => "tool change not confirmed in time",
-            Cause::ProbeMissed => {
-                "the probe made no contact (G38.2) or kept it (G38.4) to the end of its motion"
-            }
-            Cause::ProbeEarly => {
-                "the probe was in contact (G38.2, G38.3) or free (G38.4, G38.5) before its motion began"
-            }
-            Cause::ProbeLost => "the probe's contact changed while nobody watched it: probe again",
-            Cause::HomeSwitch => {
-                "no edge of the home switch within the search distance: is the direction right, and the input?"
-            }
-            Cause::HomeIndex => "no index of the motor encoder where one should be",
-            Cause::HomeDrive => "the drive did not home in time",
-            Cause::EmergencyStop => "emergency stop by the operator",
-            Cause::Skew => "the two motors of the gantry are too far apart (skew)",
-            Cause::GantryTorque => "the two motors of the gantry pull against each other",
-            Cause::ProbeJogged => "the probe made contact in a jog: jog it off",
-            Cause::Stalled => "master stalled for longer than the watchdog, drives off",
-            Cause::Abort => "given up by the program itself (ABORT)",
-        }
     }
 }
 
@@ -466,102 +329,52 @@ pub struct HandCourse {
     pub reserved: u32,
 }
 
-/// Whether the positions of an axis are those of the machine.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-#[repr(u32)]
-pub enum Reference {
-    /// They are: its encoder is absolute, or it was homed.
-    #[default]
-    Known = 0,
-    /// They begin anywhere: it must be homed.
-    Missing = 1,
-    /// It is being homed.
-    Searching = 2,
-}
-
-impl Reference {
-    /// All of them.
-    pub const ALL: [Reference; 3] = [Reference::Known, Reference::Missing, Reference::Searching];
-
-    /// Decodes what came over the wire.
-    pub fn from_wire(value: u32) -> Option<Reference> {
-        Self::ALL.into_iter().find(|state| *state as u32 == value)
+wire_enum! {
+    /// Whether the positions of an axis are those of the machine.
+    #[derive(Default)]
+    pub enum Reference {
+        /// They are: its encoder is absolute, or it was homed.
+        #[default]
+        Known = 0 => "homed",
+        /// They begin anywhere: it must be homed.
+        Missing = 1 => "not homed",
+        /// It is being homed.
+        Searching = 2 => "homing",
     }
-
     /// In a word or two.
-    pub fn words(self) -> &'static str {
-        match self {
-            Reference::Known => "homed",
-            Reference::Missing => "not homed",
-            Reference::Searching => "homing",
-        }
-    }
+    pub fn words
 }
 
 /// So long an axis may be without its standby before it is an alarm, in s: a replacement is there sooner.
 pub const STANDBY_ALARM_S: f64 = 1.0;
 
-/// Whether the other servo of an axis could take it over.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-#[repr(u32)]
-pub enum Redundancy {
-    /// The axis has one servo.
-    #[default]
-    Alone = 0,
-    /// The standby has commanded the same in the last scans, and takes over in the scan in which the other is silent.
-    Synchronised = 1,
-    /// A standby is there and could not take over yet.
-    CatchingUp = 2,
-    /// There is no standby.
-    Lost = 3,
-}
-
-impl Redundancy {
-    /// All of them.
-    pub const ALL: [Redundancy; 4] = [
-        Redundancy::Alone,
-        Redundancy::Synchronised,
-        Redundancy::CatchingUp,
-        Redundancy::Lost,
-    ];
-
-    /// Decodes what came over the wire.
-    pub fn from_wire(value: u32) -> Option<Redundancy> {
-        Self::ALL.into_iter().find(|state| *state as u32 == value)
+wire_enum! {
+    /// Whether the other servo of an axis could take it over.
+    #[derive(Default)]
+    pub enum Redundancy {
+        /// The axis has one servo.
+        #[default]
+        Alone = 0 => "alone",
+        /// The standby has commanded the same in the last scans, and takes over in the scan in which the other is silent.
+        Synchronised = 1 => "synchronised",
+        /// A standby is there and could not take over yet.
+        CatchingUp = 2 => "catching up",
+        /// There is no standby.
+        Lost = 3 => "lost",
     }
-
     /// In a word or two.
-    pub fn words(self) -> &'static str {
-        match self {
-            Redundancy::Alone => "alone",
-            Redundancy::Synchronised => "synchronised",
-            Redundancy::CatchingUp => "catching up",
-            Redundancy::Lost => "lost",
-        }
-    }
+    pub fn words
 }
 
-/// Which of an axis's two controllers drives it: the switch between them, set by the master, obeyed by the servo.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[repr(u32)]
-pub enum Driver {
-    /// The program's: it executes windows.
-    Program = 0,
-    /// The manual one: it follows [`AxisFeedback::hand`].
-    Manual = 1,
-    /// None of them: the drive holds the axis or homes it, and the servo follows.
-    Drive = 2,
-}
-
-impl Driver {
-    /// Decodes what came over the wire.
-    pub fn from_wire(value: u32) -> Option<Driver> {
-        Some(match value {
-            0 => Driver::Program,
-            1 => Driver::Manual,
-            2 => Driver::Drive,
-            _ => return None,
-        })
+wire_enum! {
+    /// Which of an axis's two controllers drives it: the switch between them, set by the master, obeyed by the servo.
+    pub enum Driver {
+        /// The program's: it executes windows.
+        Program = 0,
+        /// The manual one: it follows [`AxisFeedback::hand`].
+        Manual = 1,
+        /// None of them: the drive holds the axis or homes it, and the servo follows.
+        Drive = 2,
     }
 }
 
@@ -814,47 +627,23 @@ pub struct PlannerStatus {
     pub checksum: u64,
 }
 
-/// Job of a participant.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-#[repr(u32)]
-pub enum Job {
-    /// The master.
-    Master = 1,
-    /// The planner.
-    Planner = 2,
-    /// One servo.
-    Servo = 3,
-    /// The recorder.
-    Monitor = 4,
-    /// The owner of the fieldbus, or its standby.
-    Fieldbus = 5,
-}
-
-impl Job {
-    /// All of them.
-    pub const ALL: [Job; 5] = [
-        Job::Master,
-        Job::Planner,
-        Job::Servo,
-        Job::Monitor,
-        Job::Fieldbus,
-    ];
-
-    /// Decodes what came over the wire.
-    pub fn from_wire(value: u32) -> Option<Job> {
-        Job::ALL.into_iter().find(|job| *job as u32 == value)
+wire_enum! {
+    /// Job of a participant.
+    #[derive(PartialOrd, Ord)]
+    pub enum Job {
+        /// The master.
+        Master = 1 => "master",
+        /// The planner.
+        Planner = 2 => "planner",
+        /// One servo.
+        Servo = 3 => "servo",
+        /// The recorder.
+        Monitor = 4 => "recorder",
+        /// The owner of the fieldbus, or its standby.
+        Fieldbus = 5 => "fieldbus",
     }
-
     /// In a word.
-    pub fn word(self) -> &'static str {
-        match self {
-            Job::Master => "master",
-            Job::Planner => "planner",
-            Job::Servo => "servo",
-            Job::Monitor => "recorder",
-            Job::Fieldbus => "fieldbus",
-        }
-    }
+    pub fn word
 }
 
 /// One process in the roster.

@@ -47,32 +47,19 @@ impl CellPhase {
     }
 }
 
-/// What the master asks of the launcher to carry out a fault.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[repr(u32)]
-pub enum FaultStep {
-    /// Kill the process and reap it.
-    Kill = 1,
-    /// Start its replacement, so that it is ready.
-    Restart = 2,
-    /// Stop the process (it lives and does nothing).
-    Stop = 3,
-    /// Say in the roster that the process takes part again.
-    Readmit = 4,
-    /// Continue the stopped process.
-    Continue = 5,
-}
-
-impl FaultStep {
-    fn from_word(word: u32) -> Option<FaultStep> {
-        Some(match word {
-            1 => FaultStep::Kill,
-            2 => FaultStep::Restart,
-            3 => FaultStep::Stop,
-            4 => FaultStep::Readmit,
-            5 => FaultStep::Continue,
-            _ => return None,
-        })
+wire_enum! {
+    /// What the master asks of the launcher to carry out a fault.
+    pub enum FaultStep {
+        /// Kill the process and reap it.
+        Kill = 1,
+        /// Start its replacement, so that it is ready.
+        Restart = 2,
+        /// Stop the process (it lives and does nothing).
+        Stop = 3,
+        /// Say in the roster that the process takes part again.
+        Readmit = 4,
+        /// Continue the stopped process.
+        Continue = 5,
     }
 }
 
@@ -387,7 +374,7 @@ impl SignalPage {
         Some(FaultRequest {
             ticket,
             index: index as usize,
-            step: FaultStep::from_word(step)?,
+            step: FaultStep::from_wire(step)?,
             scan,
         })
     }

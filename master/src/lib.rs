@@ -30,8 +30,6 @@ pub use drives::{
     InstrumentSample, StateRefused,
 };
 pub use error::MasterError;
-pub use master::{
-    AuxiliaryLatches, Beginning, HomingLatches, Inner, InnerAxis, Master, RunEnd, STANDSTILL_MM_S,
-};
+pub use master::{Beginning, Inner, InnerAxis, Master, RunEnd, STANDSTILL_MM_S};
 pub use ports::{Answered, Flow, MasterPorts};
 pub use run::{Options, run};

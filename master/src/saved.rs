@@ -1,11 +1,10 @@
 //! What outlives a master: its latches and the state of its drives, saved each scan, so that a replacement knows where the
 //! axes really are and where the path was left.
 
-use bus::sample::MAX_AXES;
+use bus::sample::{Answer, Levels, MAX_AXES};
 use bytemuck::{Pod, Zeroable};
 
 use crate::drives::{Drives, StateRefused};
-use crate::master::{AuxiliaryLatches, HomingLatches, QuestionLatches};
 use crate::window_arbiter::Left;
 
 /// What the master had latched.
@@ -46,6 +45,84 @@ pub struct Latches {
     pub questions: QuestionLatches,
     /// Where the axes are that have been homed.
     pub homing: HomingLatches,
+}
+
+/// Spindle, coolant, outputs, tool, the operator's switches and the events that are done.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
+#[repr(C)]
+pub struct AuxiliaryLatches {
+    /// As the program has commanded them, whether or not they act now.
+    pub levels: Levels,
+    /// S, in rev/min.
+    pub speed_rpm: f64,
+    /// While the spindle follows an axis, the travel for one turn, in mm.
+    pub mm_per_turn: f64,
+    /// Angle where that began, in turns.
+    pub coupled_turns: f64,
+    /// Place of the axis where that began, in mm.
+    pub coupled_place_mm: f64,
+    /// While the speed follows a radius (G96), the cutting speed, in m/min.
+    pub surface_m_min: f64,
+    /// It turns no faster then, in rev/min; 0 for no limit.
+    pub surface_limit_rpm: f64,
+    /// Place of the axis that the spindle turns about, in mm.
+    pub surface_centre_mm: f64,
+    /// Offset of the tool that is applied, by axis, in mm and degrees.
+    pub tool_offset: [f64; MAX_AXES],
+    /// Events of the program that are done.
+    pub events_done: u32,
+    /// 1 clockwise, 2 counter-clockwise, 0 at rest.
+    pub direction: u32,
+    /// [`Waiting`]: the stop that the operator ends.
+    pub stopped_for: u32,
+    /// Its line.
+    pub line: u32,
+    /// 1 while optional stops are obeyed.
+    pub optional_stop: u32,
+    /// 1 while the override does not count.
+    pub override_disabled: u32,
+    /// Tool in the spindle, where the operator changes it.
+    pub tool: u32,
+    /// Messages that the path has come to.
+    pub messages: u32,
+    /// Of the axis that the spindle follows, its index and 1; 0 for none.
+    pub coupled: u32,
+    /// Of the axis whose place is the radius, its index and 1; 0 for a speed that follows none.
+    pub surface: u32,
+    /// 1 while single block is switched on.
+    pub single_block: u32,
+    /// Override of rapids, in percent.
+    pub rapid_override_percent: u32,
+    /// Line that the program is to be started at, until the tool is on its path; 0 for none.
+    pub start_line: u32,
+    /// Number of the tool whose offset is applied; 0 for none.
+    pub tool_offset_of: u32,
+    /// The run whose modes are in force, 0 or [`bus::sample::MODES_RESET`].
+    pub modes_of_run: u32,
+    /// Override of jogs, in percent.
+    pub jog_override_percent: u32,
+}
+
+/// Where the axes are that have been homed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable)]
+#[repr(C)]
+pub struct HomingLatches {
+    /// Position of the machine less raw position of the drive, by axis, in increments.
+    pub offset: [i64; MAX_AXES],
+    /// Axes that are homed, a bit each.
+    pub homed: u64,
+}
+
+/// What the program asked last, and the answer.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
+#[repr(C)]
+pub struct QuestionLatches {
+    /// What the feedback says.
+    pub answer: Answer,
+    /// Index of the probing event that was begun last.
+    pub probe: u32,
+    /// Number of the event whose answer the planner has taken last.
+    pub taken: u32,
 }
 
 /// One saved state: the latches, then the drives.

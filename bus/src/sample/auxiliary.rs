@@ -13,118 +13,75 @@ pub const ANALOG_OUTPUTS: usize = 8;
 /// Outputs to be set in motion that a planner names ahead of time.
 pub const OUTPUTS_AHEAD: usize = 8;
 
-/// What an event of the program asks for. Numbers stay what they are.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[repr(u32)]
-pub enum EventCode {
-    /// S: the spindle's speed, in rev/min.
-    SpindleSpeed = 1,
-    /// M3.
-    SpindleClockwise = 2,
-    /// M4.
-    SpindleCounterClockwise = 3,
-    /// M5.
-    SpindleStop = 4,
-    /// M19: the spindle stands at this angle, in degrees.
-    SpindleOrient = 5,
-    /// Before the first feed after a new speed or direction: the spindle turns at its speed.
-    AwaitSpindle = 6,
-    /// M7, M9: value 1 or 0.
-    Mist = 7,
-    /// M8, M9: value 1 or 0.
-    Flood = 8,
-    /// T: tool number `index` is to be ready for a change.
-    ToolPrepare = 9,
-    /// M6: tool number `index` into the spindle.
-    ToolChange = 10,
-    /// M1: stops where the operator has switched it on.
-    OptionalStop = 11,
-    /// M0.
-    ProgramStop = 12,
-    /// M60.
-    PalletStop = 13,
-    /// M64, M65 at rest; M62, M63 in motion: output `index`, value 1 or 0.
-    DigitalOutput = 14,
-    /// M68 at rest; M67 in motion: output `index` to the value.
-    AnalogOutput = 15,
-    /// M48, M49: value 1 or 0.
-    Overrides = 16,
-    /// G38.2 to G38.5: from here on contact ends the motion; `index` holds [`PROBE_AWAY`](super::PROBE_AWAY) and
-    /// [`PROBE_MUST`](super::PROBE_MUST).
-    Probe = 21,
-    /// The end of a probing motion: asked for only where it came to its end without contact.
-    ProbeEnd = 22,
-    /// M66: an input is read, after a wait of at most `value` s; `index` is an [`AskedInput`](super::AskedInput).
-    AwaitInput = 23,
-    /// M61: tool number `index` is in the spindle.
-    ToolIs = 25,
-    /// The end of a program on a machine whose programs keep parameters: they are kept before it is asked for.
-    KeepParameters = 26,
-    /// M100 to M199: a program of the machine builder, code `index`, which has run to its end before it is asked for.
-    UserCode = 27,
-    /// Rigid tapping begins: the spindle comes to rest, and from then on follows axis `index`: a turn in the direction that the program
-    /// gave it for each `value` mm (below 0 where the axis goes in against its sense).
-    SpindleCouple = 17,
-    /// It ends: the spindle turns by itself again, as the program has it.
-    SpindleUncouple = 18,
-    /// G96: the spindle's axis is at this place of axis `index`, in mm.
-    SurfaceCentre = 28,
-    /// D of G96: the spindle turns no faster, in rev/min; 0 for no limit.
-    SurfaceLimit = 29,
-    /// S in G96, behind both: cutting speed at axis `index`, in m/min.
-    SurfaceSpeed = 30,
-    /// Single block: the path rests behind a block, `element` elements of it are done. Its number is 0: no program asks for it.
-    BlockDone = 31,
-    /// Start at a line: what stands before it is set, which is `value` events; its first motion is `element`.
-    StartAt = 32,
-    /// G43 and G49, with the motion behind them: the offset of the tool along axis `index` is `value`, in mm or degrees.
-    ToolOffset = 33,
-    /// Before it: that is the offset of tool `index`; 0 where it is none's.
-    ToolOffsetOf = 34,
-    /// (ABORT, …): the program is given up.
-    Abort = 35,
-}
-
-impl EventCode {
-    /// All of them.
-    pub const ALL: [EventCode; 32] = [
-        EventCode::SpindleSpeed,
-        EventCode::SpindleClockwise,
-        EventCode::SpindleCounterClockwise,
-        EventCode::SpindleStop,
-        EventCode::SpindleOrient,
-        EventCode::AwaitSpindle,
-        EventCode::Mist,
-        EventCode::Flood,
-        EventCode::ToolPrepare,
-        EventCode::ToolChange,
-        EventCode::OptionalStop,
-        EventCode::ProgramStop,
-        EventCode::PalletStop,
-        EventCode::DigitalOutput,
-        EventCode::AnalogOutput,
-        EventCode::Overrides,
-        EventCode::Probe,
-        EventCode::ProbeEnd,
-        EventCode::AwaitInput,
-        EventCode::ToolIs,
-        EventCode::KeepParameters,
-        EventCode::UserCode,
-        EventCode::SpindleCouple,
-        EventCode::SpindleUncouple,
-        EventCode::SurfaceCentre,
-        EventCode::SurfaceLimit,
-        EventCode::SurfaceSpeed,
-        EventCode::BlockDone,
-        EventCode::StartAt,
-        EventCode::ToolOffset,
-        EventCode::ToolOffsetOf,
-        EventCode::Abort,
-    ];
-
-    /// Decodes what came over the wire.
-    pub fn from_wire(value: u32) -> Option<EventCode> {
-        Self::ALL.into_iter().find(|code| *code as u32 == value)
+wire_enum! {
+    /// What an event of the program asks for. Numbers stay what they are.
+    pub enum EventCode {
+        /// S: the spindle's speed, in rev/min.
+        SpindleSpeed = 1,
+        /// M3.
+        SpindleClockwise = 2,
+        /// M4.
+        SpindleCounterClockwise = 3,
+        /// M5.
+        SpindleStop = 4,
+        /// M19: the spindle stands at this angle, in degrees.
+        SpindleOrient = 5,
+        /// Before the first feed after a new speed or direction: the spindle turns at its speed.
+        AwaitSpindle = 6,
+        /// M7, M9: value 1 or 0.
+        Mist = 7,
+        /// M8, M9: value 1 or 0.
+        Flood = 8,
+        /// T: tool number `index` is to be ready for a change.
+        ToolPrepare = 9,
+        /// M6: tool number `index` into the spindle.
+        ToolChange = 10,
+        /// M1: stops where the operator has switched it on.
+        OptionalStop = 11,
+        /// M0.
+        ProgramStop = 12,
+        /// M60.
+        PalletStop = 13,
+        /// M64, M65 at rest; M62, M63 in motion: output `index`, value 1 or 0.
+        DigitalOutput = 14,
+        /// M68 at rest; M67 in motion: output `index` to the value.
+        AnalogOutput = 15,
+        /// M48, M49: value 1 or 0.
+        Overrides = 16,
+        /// G38.2 to G38.5: from here on contact ends the motion; `index` holds [`PROBE_AWAY`](super::PROBE_AWAY) and
+        /// [`PROBE_MUST`](super::PROBE_MUST).
+        Probe = 21,
+        /// The end of a probing motion: asked for only where it came to its end without contact.
+        ProbeEnd = 22,
+        /// M66: an input is read, after a wait of at most `value` s; `index` is an [`AskedInput`](super::AskedInput).
+        AwaitInput = 23,
+        /// M61: tool number `index` is in the spindle.
+        ToolIs = 25,
+        /// The end of a program on a machine whose programs keep parameters: they are kept before it is asked for.
+        KeepParameters = 26,
+        /// M100 to M199: a program of the machine builder, code `index`, which has run to its end before it is asked for.
+        UserCode = 27,
+        /// Rigid tapping begins: the spindle comes to rest, and from then on follows axis `index`: a turn in the direction that the program
+        /// gave it for each `value` mm (below 0 where the axis goes in against its sense).
+        SpindleCouple = 17,
+        /// It ends: the spindle turns by itself again, as the program has it.
+        SpindleUncouple = 18,
+        /// G96: the spindle's axis is at this place of axis `index`, in mm.
+        SurfaceCentre = 28,
+        /// D of G96: the spindle turns no faster, in rev/min; 0 for no limit.
+        SurfaceLimit = 29,
+        /// S in G96, behind both: cutting speed at axis `index`, in m/min.
+        SurfaceSpeed = 30,
+        /// Single block: the path rests behind a block, `element` elements of it are done. Its number is 0: no program asks for it.
+        BlockDone = 31,
+        /// Start at a line: what stands before it is set, which is `value` events; its first motion is `element`.
+        StartAt = 32,
+        /// G43 and G49, with the motion behind them: the offset of the tool along axis `index` is `value`, in mm or degrees.
+        ToolOffset = 33,
+        /// Before it: that is the offset of tool `index`; 0 where it is none's.
+        ToolOffsetOf = 34,
+        /// (ABORT, …): the program is given up.
+        Abort = 35,
     }
 }
 
@@ -210,75 +167,39 @@ pub struct Levels {
     pub blocks_done: u32,
 }
 
-/// What the program, or the machine, waits for at rest.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-#[repr(u32)]
-pub enum Waiting {
-    /// Nothing.
-    #[default]
-    None = 0,
-    /// The spindle comes to its speed.
-    SpindleSpeed = 1,
-    /// The spindle comes to rest.
-    SpindleStandstill = 2,
-    /// The spindle comes to its angle.
-    SpindleOrientation = 3,
-    /// The changer puts a tool into the spindle.
-    ToolChange = 4,
-    /// The operator puts a tool into the spindle and resumes.
-    ToolByOperator = 5,
-    /// M0: the operator resumes.
-    ProgramStop = 6,
-    /// M1: the operator resumes.
-    OptionalStop = 7,
-    /// M60: the operator changes the pallet and resumes.
-    PalletStop = 8,
-    /// An input shows what M66 waits for, or the wait has lasted too long.
-    Input = 9,
-    /// Single block: the block is done, the operator resumes.
-    SingleBlock = 10,
+wire_enum! {
+    /// What the program, or the machine, waits for at rest.
+    #[derive(Default)]
+    pub enum Waiting {
+        /// Nothing.
+        #[default]
+        None = 0 => "nothing",
+        /// The spindle comes to its speed.
+        SpindleSpeed = 1 => "the spindle to reach its speed",
+        /// The spindle comes to rest.
+        SpindleStandstill = 2 => "the spindle to stand",
+        /// The spindle comes to its angle.
+        SpindleOrientation = 3 => "the spindle to reach its angle",
+        /// The changer puts a tool into the spindle.
+        ToolChange = 4 => "the tool changer",
+        /// The operator puts a tool into the spindle and resumes.
+        ToolByOperator = 5 => "the operator to put in a tool",
+        /// M0: the operator resumes.
+        ProgramStop = 6 => "the operator (program stop, M0)",
+        /// M1: the operator resumes.
+        OptionalStop = 7 => "the operator (optional stop, M1)",
+        /// M60: the operator changes the pallet and resumes.
+        PalletStop = 8 => "the operator (pallet change, M60)",
+        /// An input shows what M66 waits for, or the wait has lasted too long.
+        Input = 9 => "an input (M66)",
+        /// Single block: the block is done, the operator resumes.
+        SingleBlock = 10 => "the operator (single block)",
+    }
+    /// In words.
+    pub fn words
 }
 
 impl Waiting {
-    /// All of them, each at its number.
-    pub const ALL: [Waiting; 11] = [
-        Waiting::None,
-        Waiting::SpindleSpeed,
-        Waiting::SpindleStandstill,
-        Waiting::SpindleOrientation,
-        Waiting::ToolChange,
-        Waiting::ToolByOperator,
-        Waiting::ProgramStop,
-        Waiting::OptionalStop,
-        Waiting::PalletStop,
-        Waiting::Input,
-        Waiting::SingleBlock,
-    ];
-
-    /// Decodes what came over the wire.
-    pub fn from_wire(value: u32) -> Option<Waiting> {
-        Self::ALL
-            .into_iter()
-            .find(|waiting| *waiting as u32 == value)
-    }
-
-    /// In words.
-    pub fn words(self) -> &'static str {
-        match self {
-            Waiting::None => "nothing",
-            Waiting::SpindleSpeed => "the spindle to reach its speed",
-            Waiting::SpindleStandstill => "the spindle to stand",
-            Waiting::SpindleOrientation => "the spindle to reach its angle",
-            Waiting::ToolChange => "the tool changer",
-            Waiting::ToolByOperator => "the operator to put in a tool",
-            Waiting::ProgramStop => "the operator (program stop, M0)",
-            Waiting::OptionalStop => "the operator (optional stop, M1)",
-            Waiting::PalletStop => "the operator (pallet change, M60)",
-            Waiting::Input => "an input (M66)",
-            Waiting::SingleBlock => "the operator (single block)",
-        }
-    }
-
     /// Whether the operator ends it, by `resume`.
     pub fn is_for_operator(self) -> bool {
         matches!(

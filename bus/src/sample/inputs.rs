@@ -15,31 +15,20 @@ pub const PROBE_AWAY: u32 = 1;
 /// In the same: a motion that ends without it stops the program (G38.2, G38.4).
 pub const PROBE_MUST: u32 = 2;
 
-/// What is waited for of an input, in [`ProgramEvent::index`](super::ProgramEvent::index) from bit 8 on; the input's number is below.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[repr(u32)]
-pub enum InputWait {
-    /// L0: nothing.
-    Immediate = 0,
-    /// L1: it goes from off to on.
-    Rise = 1,
-    /// L2: it goes from on to off.
-    Fall = 2,
-    /// L3: it is on.
-    High = 3,
-    /// L4: it is off.
-    Low = 4,
-}
-
-impl InputWait {
-    /// All of them, each at its number.
-    pub const ALL: [InputWait; 5] = [
-        InputWait::Immediate,
-        InputWait::Rise,
-        InputWait::Fall,
-        InputWait::High,
-        InputWait::Low,
-    ];
+wire_enum! {
+    /// What is waited for of an input, in [`ProgramEvent::index`](super::ProgramEvent::index) from bit 8 on; the input's number is below.
+    pub enum InputWait {
+        /// L0: nothing.
+        Immediate = 0,
+        /// L1: it goes from off to on.
+        Rise = 1,
+        /// L2: it goes from on to off.
+        Fall = 2,
+        /// L3: it is on.
+        High = 3,
+        /// L4: it is off.
+        Low = 4,
+    }
 }
 
 /// An input that a program asks for, as an event's index carries it.
@@ -82,41 +71,23 @@ impl AskedInput {
     }
 }
 
-/// How a question of the program was answered.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-#[repr(u32)]
-pub enum AnswerOutcome {
-    /// Nothing was asked.
-    #[default]
-    None = 0,
-    /// The program probes: its axes are on the way, or brake.
-    Awaited = 1,
-    /// The probe has tripped and the axes rest; the input was as it was waited for.
-    Given = 2,
-    /// The probing motion ended without contact (or with it, G38.4 and G38.5); the wait for the input lasted too long.
-    Missed = 3,
-    /// The probe was in contact (or not, G38.4 and G38.5) before the motion began.
-    Early = 4,
-    /// The contact changed while nobody watched it: where is not known.
-    Lost = 5,
-}
-
-impl AnswerOutcome {
-    /// All of them, each at its number.
-    pub const ALL: [AnswerOutcome; 6] = [
-        AnswerOutcome::None,
-        AnswerOutcome::Awaited,
-        AnswerOutcome::Given,
-        AnswerOutcome::Missed,
-        AnswerOutcome::Early,
-        AnswerOutcome::Lost,
-    ];
-
-    /// Decodes what came over the wire.
-    pub fn from_wire(value: u32) -> Option<AnswerOutcome> {
-        Self::ALL
-            .into_iter()
-            .find(|outcome| *outcome as u32 == value)
+wire_enum! {
+    /// How a question of the program was answered.
+    #[derive(Default)]
+    pub enum AnswerOutcome {
+        /// Nothing was asked.
+        #[default]
+        None = 0,
+        /// The program probes: its axes are on the way, or brake.
+        Awaited = 1,
+        /// The probe has tripped and the axes rest; the input was as it was waited for.
+        Given = 2,
+        /// The probing motion ended without contact (or with it, G38.4 and G38.5); the wait for the input lasted too long.
+        Missed = 3,
+        /// The probe was in contact (or not, G38.4 and G38.5) before the motion began.
+        Early = 4,
+        /// The contact changed while nobody watched it: where is not known.
+        Lost = 5,
     }
 }
 

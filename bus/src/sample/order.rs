@@ -36,266 +36,124 @@ pub struct OperatorRequest {
     pub line_mm: [f64; MAX_AXES],
 }
 
-/// The orders. Numbers stay what they are: they travel on the wire and are in logs.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[repr(u32)]
-pub enum Order {
-    /// Come to rest on the path and stay.
-    Stop = 1,
-    /// Feed hold.
-    Hold = 2,
-    /// End a feed hold or a stop; off the path, return to it first.
-    Resume = 3,
-    /// Override of the feed.
-    Override = 4,
-    /// Drives off.
-    Disable = 5,
-    /// Drives on, in hold.
-    Enable = 6,
-    /// Move one axis by hand.
-    Jog = 7,
-    /// Take a program that lies in the cell's folder under this number; one that was started is discarded. Typed-in blocks begin once they
-    /// are read.
-    Load = 8,
-    /// Begin the program that is loaded.
-    Start = 9,
-    /// Come to rest and end the cell.
-    Down = 10,
-    /// Optional stops (M1) are obeyed (value 1) or passed (value 0).
-    OptionalStop = 11,
-    /// Home axes, one after another: the value has a bit for each, and is 0 for all that can be homed.
-    Home = 12,
-    /// The machine comes to rest at the end of every block (value 1), or only where the program says so (value 0).
-    SingleBlock = 13,
-    /// Override of rapids and planned returns.
-    RapidOverride = 14,
-    /// Discard the rest of the program: it is loaded, from its beginning.
-    Reset = 15,
-    /// Move one axis by hand as long as the order is renewed.
-    JogOn = 18,
-    /// Renew or end the continuous jog of this session.
-    JogRenew = 19,
-    /// Brake at the limits and switch off, whatever the machine is doing.
-    EmergencyStop = 20,
-    /// The running count of a wheel that moves one axis.
-    Wheel = 21,
-    /// Override of jogs, those under way too.
-    JogOverride = 22,
+wire_enum! {
+    /// The orders. Numbers stay what they are: they travel on the wire and are in logs.
+    pub enum Order {
+        /// Come to rest on the path and stay.
+        Stop = 1 => "stop",
+        /// Feed hold.
+        Hold = 2 => "hold",
+        /// End a feed hold or a stop; off the path, return to it first.
+        Resume = 3 => "resume",
+        /// Override of the feed.
+        Override = 4 => "override",
+        /// Drives off.
+        Disable = 5 => "disable",
+        /// Drives on, in hold.
+        Enable = 6 => "enable",
+        /// Move one axis by hand.
+        Jog = 7 => "jog",
+        /// Take a program that lies in the cell's folder under this number; one that was started is discarded. Typed-in blocks begin once they
+        /// are read.
+        Load = 8 => "load",
+        /// Begin the program that is loaded.
+        Start = 9 => "start",
+        /// Come to rest and end the cell.
+        Down = 10 => "down",
+        /// Optional stops (M1) are obeyed (value 1) or passed (value 0).
+        OptionalStop = 11 => "optional-stop",
+        /// Home axes, one after another: the value has a bit for each, and is 0 for all that can be homed.
+        Home = 12 => "home",
+        /// The machine comes to rest at the end of every block (value 1), or only where the program says so (value 0).
+        SingleBlock = 13 => "single-block",
+        /// Override of rapids and planned returns.
+        RapidOverride = 14 => "rapid-override",
+        /// Discard the rest of the program: it is loaded, from its beginning.
+        Reset = 15 => "reset",
+        /// Move one axis by hand as long as the order is renewed.
+        JogOn = 18 => "jog-on",
+        /// Renew or end the continuous jog of this session.
+        JogRenew = 19 => "jog-renew",
+        /// Brake at the limits and switch off, whatever the machine is doing.
+        EmergencyStop = 20 => "estop",
+        /// The running count of a wheel that moves one axis.
+        Wheel = 21 => "wheel",
+        /// Override of jogs, those under way too.
+        JogOverride = 22 => "jog-override",
+    }
+    /// The word for it on the command line and in files.
+    pub fn word
 }
 
 impl Order {
-    /// All of them.
-    pub const ALL: [Order; 20] = [
-        Order::Stop,
-        Order::Hold,
-        Order::Resume,
-        Order::Override,
-        Order::Disable,
-        Order::Enable,
-        Order::Jog,
-        Order::Load,
-        Order::Start,
-        Order::Down,
-        Order::OptionalStop,
-        Order::Home,
-        Order::SingleBlock,
-        Order::RapidOverride,
-        Order::Reset,
-        Order::JogOn,
-        Order::JogRenew,
-        Order::EmergencyStop,
-        Order::Wheel,
-        Order::JogOverride,
-    ];
-
-    /// Decodes what came over the wire.
-    pub fn from_wire(value: u32) -> Option<Order> {
-        Self::ALL.into_iter().find(|order| *order as u32 == value)
-    }
-
-    /// The word for it on the command line and in files.
-    pub fn word(self) -> &'static str {
-        match self {
-            Order::Stop => "stop",
-            Order::Hold => "hold",
-            Order::Resume => "resume",
-            Order::Override => "override",
-            Order::Disable => "disable",
-            Order::Enable => "enable",
-            Order::Jog => "jog",
-            Order::Load => "load",
-            Order::Start => "start",
-            Order::Down => "down",
-            Order::OptionalStop => "optional-stop",
-            Order::Home => "home",
-            Order::SingleBlock => "single-block",
-            Order::RapidOverride => "rapid-override",
-            Order::Reset => "reset",
-            Order::JogOn => "jog-on",
-            Order::JogRenew => "jog-renew",
-            Order::EmergencyStop => "estop",
-            Order::Wheel => "wheel",
-            Order::JogOverride => "jog-override",
-        }
-    }
-
     /// The order of this word.
     pub fn from_word(word: &str) -> Option<Order> {
         Self::ALL.into_iter().find(|order| order.word() == word)
     }
 }
 
-/// Why an order was refused.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[repr(u32)]
-pub enum Refused {
-    /// It was not.
-    Not = 0,
-    /// There is no such order.
-    UnknownOrder = 1,
-    /// Its value is not a number or out of range.
-    BadValue = 2,
-    /// The machine has no such axis.
-    UnknownAxis = 3,
-    /// Something moves, or stopped moving just now.
-    NotAtRest = 4,
-    /// The machine is neither held nor stopped.
-    NotHeld = 5,
-    /// The drives are off.
-    DrivesOff = 6,
-    /// The machine has tripped.
-    Tripped = 7,
-    /// The program is done.
-    Finished = 8,
-    /// An axis is being jogged.
-    Jogging = 9,
-    /// The target is outside the travel; the answer carries the distances that are allowed.
-    BeyondTravel = 10,
-    /// An axis is outside its travel: only a jog inwards moves it.
-    OutsideTravel = 11,
-    /// The machine was stopped by a fault that lasts.
-    Faulted = 12,
-    /// The machine cannot be driven: a servo is missing, an axis is not at rest yet, or a drive has a fault or does not answer.
-    NotReady = 13,
-    /// The cell runs one program and ends with it.
-    OneProgram = 14,
-    /// No program is loaded.
-    NoProgram = 15,
-    /// The planner has not read the program yet.
-    Loading = 16,
-    /// The program was started and is not done.
-    Running = 17,
-    /// No program was started: there is nothing to go on with.
-    NotRunning = 18,
-    /// The cell is about to end.
-    Ending = 19,
-    /// An axis has no reference: it must be homed, or its encoder be set.
-    NotReferenced = 20,
-    /// A tap is in its thread.
-    InThread = 21,
-    /// The axis has an absolute encoder: there is nothing to home.
-    Absolute = 22,
-    /// The continuous jog of this session is over: a late order does not begin it again.
-    JogOver = 23,
-    /// No jog of the axis may be so fast; the answer carries the speeds that are allowed.
-    JogSpeed = 24,
-    /// It came after the last scan in which it was to be obeyed.
-    TooLate = 25,
-    /// The axis is at the end of its travel.
-    TravelEnd = 26,
-    /// The axis has more to go than this increment, or a count of its wheel, and a fifth of a second.
-    Backlog = 27,
-}
-
-impl Refused {
-    /// All of them.
-    pub const ALL: [Refused; 28] = [
-        Refused::Not,
-        Refused::UnknownOrder,
-        Refused::BadValue,
-        Refused::UnknownAxis,
-        Refused::NotAtRest,
-        Refused::NotHeld,
-        Refused::DrivesOff,
-        Refused::Tripped,
-        Refused::Finished,
-        Refused::Jogging,
-        Refused::BeyondTravel,
-        Refused::OutsideTravel,
-        Refused::Faulted,
-        Refused::NotReady,
-        Refused::OneProgram,
-        Refused::NoProgram,
-        Refused::Loading,
-        Refused::Running,
-        Refused::NotRunning,
-        Refused::Ending,
-        Refused::NotReferenced,
-        Refused::InThread,
-        Refused::Absolute,
-        Refused::JogOver,
-        Refused::JogSpeed,
-        Refused::TooLate,
-        Refused::TravelEnd,
-        Refused::Backlog,
-    ];
-
-    /// Decodes what came over the wire.
-    pub fn from_wire(value: u32) -> Option<Refused> {
-        Self::ALL.into_iter().find(|reason| *reason as u32 == value)
+wire_enum! {
+    /// Why an order was refused.
+    pub enum Refused {
+        /// It was not.
+        Not = 0 => "not refused",
+        /// There is no such order.
+        UnknownOrder = 1 => "there is no such order",
+        /// Its value is not a number or out of range.
+        BadValue = 2 => "its value is out of range: an override is 0 to 100 %, a jog any distance but 0, optional stops and single block on or off",
+        /// The machine has no such axis.
+        UnknownAxis = 3 => "the machine has no such axis",
+        /// Something moves, or stopped moving just now.
+        NotAtRest = 4 => "the machine is not at rest: hold or stop it first and wait until it stands",
+        /// The machine is neither held nor stopped.
+        NotHeld = 5 => "the machine is not in hold: hold or stop it first",
+        /// The drives are off.
+        DrivesOff = 6 => "the drives are off: enable them first",
+        /// The machine has tripped.
+        Tripped = 7 => "the machine has tripped: look at its cause, then enable acknowledges it",
+        /// The program is done.
+        Finished = 8 => "the program is done",
+        /// An axis is being jogged.
+        Jogging = 9 => "an axis is being jogged: wait until it stands, or hold it",
+        /// The target is outside the travel; the answer carries the distances that are allowed.
+        BeyondTravel = 10 => "the target is outside the travel",
+        /// An axis is outside its travel: only a jog inwards moves it.
+        OutsideTravel = 11 => "an axis is outside its travel: jog it inwards",
+        /// The machine was stopped by a fault that lasts.
+        Faulted = 12 => "the machine was stopped by a fault that lasts",
+        /// The machine cannot be driven: a servo is missing, an axis is not at rest yet, or a drive has a fault or does not answer.
+        NotReady = 13 => "an axis is not at rest yet or a servo is missing (wait a moment), or a drive has a fault or does not answer (see to it first)",
+        /// The cell runs one program and ends with it.
+        OneProgram = 14 => "this cell runs one program and ends with it: `quadrant up` starts one that stays",
+        /// No program is loaded.
+        NoProgram = 15 => "no program is loaded: load one first",
+        /// The planner has not read the program yet.
+        Loading = 16 => "the program is still being read: wait a moment",
+        /// The program was started and is not done.
+        Running = 17 => "a program is running: resume goes on with it; stop, then load or reset, discards it",
+        /// No program was started: there is nothing to go on with.
+        NotRunning = 18 => "no program is running: start runs the one that is loaded",
+        /// The cell is about to end.
+        Ending = 19 => "the cell is about to end",
+        /// An axis has no reference: it must be homed, or its encoder be set.
+        NotReferenced = 20 => "an axis has no reference: home it first",
+        /// A tap is in its thread.
+        InThread = 21 => "a tap is in its thread: resume goes on in step; after another program is loaded the axes are free",
+        /// The axis has an absolute encoder: there is nothing to home.
+        Absolute = 22 => "the axis has an absolute encoder, or the machine file has no [axis.homing] for it: there is nothing to home",
+        /// The continuous jog of this session is over: a late order does not begin it again.
+        JogOver = 23 => "this jog is over",
+        /// No jog of the axis may be so fast; the answer carries the speeds that are allowed.
+        JogSpeed = 24 => "a jog may not be so fast",
+        /// It came after the last scan in which it was to be obeyed.
+        TooLate = 25 => "it came too late to be obeyed: give it again",
+        /// The axis is at the end of its travel.
+        TravelEnd = 26 => "the axis is at the end of its travel: jog it the other way",
+        /// The axis has more to go than this increment, or a count of its wheel, and a fifth of a second.
+        Backlog = 27 => "the axis still goes by the increments before: it would run on after the hand is off",
     }
-
     /// Why, and what would be right.
-    pub fn words(self) -> &'static str {
-        match self {
-            Refused::Not => "not refused",
-            Refused::UnknownOrder => "there is no such order",
-            Refused::BadValue => {
-                "its value is out of range: an override is 0 to 100 %, a jog any distance but 0, optional stops and single block on or off"
-            }
-            Refused::UnknownAxis => "the machine has no such axis",
-            Refused::NotAtRest => {
-                "the machine is not at rest: hold or stop it first and wait until it stands"
-            }
-            Refused::NotHeld => "the machine is not in hold: hold or stop it first",
-            Refused::DrivesOff => "the drives are off: enable them first",
-            Refused::Tripped => {
-                "the machine has tripped: look at its cause, then enable acknowledges it"
-            }
-            Refused::Finished => "the program is done",
-            Refused::Jogging => "an axis is being jogged: wait until it stands, or hold it",
-            Refused::BeyondTravel => "the target is outside the travel",
-            Refused::OutsideTravel => "an axis is outside its travel: jog it inwards",
-            Refused::Faulted => "the machine was stopped by a fault that lasts",
-            Refused::NotReady => {
-                "an axis is not at rest yet or a servo is missing (wait a moment), or a drive has a fault or does not answer (see to it first)"
-            }
-            Refused::OneProgram => {
-                "this cell runs one program and ends with it: `quadrant up` starts one that stays"
-            }
-            Refused::NoProgram => "no program is loaded: load one first",
-            Refused::Loading => "the program is still being read: wait a moment",
-            Refused::Running => {
-                "a program is running: resume goes on with it; stop, then load or reset, discards it"
-            }
-            Refused::NotRunning => "no program is running: start runs the one that is loaded",
-            Refused::NotReferenced => "an axis has no reference: home it first",
-            Refused::InThread => {
-                "a tap is in its thread: resume goes on in step; after another program is loaded the axes are free"
-            }
-            Refused::Absolute => {
-                "the axis has an absolute encoder, or the machine file has no [axis.homing] for it: there is nothing to home"
-            }
-            Refused::Ending => "the cell is about to end",
-            Refused::JogOver => "this jog is over",
-            Refused::JogSpeed => "a jog may not be so fast",
-            Refused::TooLate => "it came too late to be obeyed: give it again",
-            Refused::TravelEnd => "the axis is at the end of its travel: jog it the other way",
-            Refused::Backlog => {
-                "the axis still goes by the increments before: it would run on after the hand is off"
-            }
-        }
-    }
+    pub fn words
 }
 
 /// The answer: done or not, and the state it was judged in.

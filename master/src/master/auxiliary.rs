@@ -3,11 +3,10 @@
 //! (docs/developers/architecture.md, "Events").
 
 use bus::sample::{
-    Auxiliaries, Cause, DIGITAL_OUTPUTS, EventCode, FLOOD, Inputs, Levels, MAX_AXES, MIST, Mode,
+    Auxiliaries, Cause, DIGITAL_OUTPUTS, EventCode, FLOOD, Inputs, Levels, MIST, Mode,
     OUTPUTS_AHEAD, OVERRIDE_MAX_PERCENT, PathTag, PlannerStatus, ProgramEvent, SpindleCommand,
     Waiting,
 };
-use bytemuck::{Pod, Zeroable};
 use machine::{Machine, ToolChanger};
 
 use super::Master;
@@ -15,67 +14,12 @@ use super::coupling::{Coupling, Followed, Gear};
 use super::program::Loaded;
 use super::questions::Questions;
 use crate::drives::{AuxiliaryFeedback, Drives};
+use crate::saved::AuxiliaryLatches;
 
 mod following;
 
 /// Below this the spindle stands, in rev/min.
 const STANDSTILL_RPM: f64 = 1.0;
-
-/// What outlives the master.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
-#[repr(C)]
-pub struct AuxiliaryLatches {
-    /// As the program has commanded them, whether or not they act now.
-    pub levels: Levels,
-    /// S, in rev/min.
-    pub speed_rpm: f64,
-    /// While the spindle follows an axis, the travel for one turn, in mm.
-    pub mm_per_turn: f64,
-    /// Angle where that began, in turns.
-    pub coupled_turns: f64,
-    /// Place of the axis where that began, in mm.
-    pub coupled_place_mm: f64,
-    /// While the speed follows a radius (G96), the cutting speed, in m/min.
-    pub surface_m_min: f64,
-    /// It turns no faster then, in rev/min; 0 for no limit.
-    pub surface_limit_rpm: f64,
-    /// Place of the axis that the spindle turns about, in mm.
-    pub surface_centre_mm: f64,
-    /// Offset of the tool that is applied, by axis, in mm and degrees.
-    pub tool_offset: [f64; MAX_AXES],
-    /// Events of the program that are done.
-    pub events_done: u32,
-    /// 1 clockwise, 2 counter-clockwise, 0 at rest.
-    pub direction: u32,
-    /// [`Waiting`]: the stop that the operator ends.
-    pub stopped_for: u32,
-    /// Its line.
-    pub line: u32,
-    /// 1 while optional stops are obeyed.
-    pub optional_stop: u32,
-    /// 1 while the override does not count.
-    pub override_disabled: u32,
-    /// Tool in the spindle, where the operator changes it.
-    pub tool: u32,
-    /// Messages that the path has come to.
-    pub messages: u32,
-    /// Of the axis that the spindle follows, its index and 1; 0 for none.
-    pub coupled: u32,
-    /// Of the axis whose place is the radius, its index and 1; 0 for a speed that follows none.
-    pub surface: u32,
-    /// 1 while single block is switched on.
-    pub single_block: u32,
-    /// Override of rapids, in percent.
-    pub rapid_override_percent: u32,
-    /// Line that the program is to be started at, until the tool is on its path; 0 for none.
-    pub start_line: u32,
-    /// Number of the tool whose offset is applied; 0 for none.
-    pub tool_offset_of: u32,
-    /// The run whose modes are in force, 0 or [`bus::sample::MODES_RESET`].
-    pub modes_of_run: u32,
-    /// Override of jogs, in percent.
-    pub jog_override_percent: u32,
-}
 
 impl AuxiliaryLatches {
     /// The speed that the cutting speed asks for at this place of the axis, in rev/min; without bound on the spindle's axis itself.

@@ -7,7 +7,6 @@
 //! index. Once both know their places the bridge is squared: the second motor is commanded to be where the first is.
 
 use bus::sample::{Cause, Driver, MAX_AXES, Reference, Refused};
-use bytemuck::{Pod, Zeroable};
 use machine::{Homing as Settings, HomingMethod, INDEX_TURNS};
 
 use super::Master;
@@ -15,19 +14,10 @@ use super::axis_unit::AxisUnit;
 use super::hand::{HandSpeed, Motion};
 use super::orders::{Refusal, whole_number};
 use crate::drives::Drives;
+use crate::saved::HomingLatches;
 
 /// Scans that the drive holds the axis before and after its positions change: everybody has seen it by then.
 pub(super) const HOLD_SCANS: u64 = 8;
-
-/// What outlives the master.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable)]
-#[repr(C)]
-pub struct HomingLatches {
-    /// Position of the machine less raw position of the drive, by axis, in increments.
-    pub offset: [i64; MAX_AXES],
-    /// Axes that are homed, a bit each.
-    pub homed: u64,
-}
 
 /// What an axis is doing to be homed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

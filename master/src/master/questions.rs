@@ -6,24 +6,12 @@ use bus::sample::{
     Answer, AnswerOutcome, AskedInput, Cause, EventCode, InputWait, Inputs, MAX_AXES, Mode,
     PROBE_AWAY, PROBE_MUST, ProgramEvent,
 };
-use bytemuck::{Pod, Zeroable};
 use machine::PositionFeedback;
 
 use super::Master;
 use super::axis_unit::AxisUnit;
 use crate::drives::{Drives, InputFeedback};
-
-/// What outlives the master.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
-#[repr(C)]
-pub struct QuestionLatches {
-    /// What the feedback says.
-    pub answer: Answer,
-    /// Index of the probing event that was begun last.
-    pub probe: u32,
-    /// Number of the event whose answer the planner has taken last.
-    pub taken: u32,
-}
+use crate::saved::QuestionLatches;
 
 /// The contact changed in the scan: which way, and where the axes were.
 #[derive(Debug, Clone, Copy)]
