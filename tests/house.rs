@@ -43,8 +43,8 @@ const CELL: [&str; 14] = [
 ];
 
 /// What asks, shows and prepares.
-const DESK: [&str; 8] = [
-    "esi", "operator", "prepare", "report", "remote", "view", "tune", "quadrant",
+const DESK: [&str; 9] = [
+    "audit", "esi", "operator", "prepare", "report", "remote", "view", "tune", "quadrant",
 ];
 
 /// What breaks, judges and studies.

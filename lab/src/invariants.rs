@@ -10,9 +10,9 @@
 
 use std::sync::Arc;
 
+use audit::SetpointAudit;
 use bus::sample::{AxisFeedback, Cause, Feedback, Instruments, Job, MAX_AXES, Mode, Roster};
 use machine::{Machine, PositionFeedback, WithinPeriod};
-use path::audit::SetpointAudit;
 use path::geometry::{AxisVector, Element};
 use path::limits::MotionLimits;
 use path::path_part::PathPart;

@@ -12,7 +12,6 @@
     )
 )]
 
-pub mod audit;
 pub mod axis_rates;
 mod braking_limit;
 mod course;
@@ -34,6 +33,5 @@ mod sharing;
 mod smoothing;
 pub mod speed_map;
 pub mod spindle_following;
-pub mod totals;
 pub mod travel;
 pub mod window;

@@ -61,7 +61,7 @@ impl SecondMotors {
 
 impl SetpointSettings {
     /// Whether the setpoints of an element follow a master axis.
-    pub(crate) fn follow_master(&self, element: &Element) -> bool {
+    pub fn follow_master(&self, element: &Element) -> bool {
         self.straight_lines == StraightLines::MasterAxis
             && matches!(element.shape, Shape::Line { .. })
             && element.rounding.is_none()
@@ -71,7 +71,7 @@ impl SetpointSettings {
     ///
     /// Rounded: a half. With a master axis, at worst: a half by rounding the ends of the line, one because the master is
     /// rounded against them (a half each, times a slope of at most 1), and one by which slaves lag.
-    pub(crate) fn off_place_increments(&self) -> f64 {
+    pub fn off_place_increments(&self) -> f64 {
         match self.straight_lines {
             StraightLines::Rounded => 0.5,
             StraightLines::MasterAxis => 2.5,

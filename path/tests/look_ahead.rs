@@ -1,6 +1,6 @@
 //! Elements of any length, from 1 nm to 10 m: no more of the path is ever known than a planner reads ahead of the tool, and that is enough everywhere.
 
-use path::audit::SetpointAudit;
+use audit::SetpointAudit;
 use path::geometry::{AxisVector, Element, Feed, Path, PathTolerance};
 use path::limits::{AxisLimits, MotionLimits};
 use path::profile::PathState;

@@ -2,12 +2,12 @@
 
 use std::ops::ControlFlow;
 
-use path::audit::SetpointAudit;
+use audit::ProgramWalk;
+use audit::SetpointAudit;
 use path::geometry::{AxisVector, Element, Feed, Path};
 use path::limits::{AxisLimits, MotionLimits};
 use path::positioning::{MotorLoad, Move, Positioning};
 use path::profile::PathState;
-use path::totals::ProgramWalk;
 use path::window::{PlannedSetpoint, WindowPlanner, WindowRequest, WindowSettings};
 use rand_xoshiro::SplitMix64;
 use rand_xoshiro::rand_core::{Rng, SeedableRng};

@@ -2,7 +2,8 @@
 
 use std::ops::ControlFlow;
 
-use path::audit::SetpointAudit;
+use audit::SetpointAudit;
+use audit::{ProgramWalk, Totals};
 use path::geometry::{AxisVector, Element, Feed, Path, PathTolerance};
 use path::kinematics::Kinematics;
 use path::limits::{AxisLimits, MotionLimits};
@@ -12,7 +13,6 @@ use path::positioning::{MotorLoad, Positioning};
 use path::profile::PathState;
 use path::setpoint_settings::{SetpointSettings, StraightLines};
 use path::speed_map::MapError;
-use path::totals::{ProgramWalk, Totals};
 use path::window::{
     Lead, PlanError, PlannedSetpoint, WindowOutcome, WindowPlanner, WindowRequest, WindowSettings,
 };

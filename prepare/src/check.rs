@@ -4,12 +4,12 @@ use std::ops::ControlFlow;
 
 use crate::options::CheckOptions;
 use anyhow::bail;
+use audit::{ProgramWalk, Totals};
 use console::exit::{Kind, Outcome};
 use console::logs;
 use console::output::say;
 use launcher::check::{Checked, Depth, load};
 use path::path_part::PathPart;
-use path::totals::{ProgramWalk, Totals};
 use path::window::{PlannedSetpoint, WindowPlanner};
 use program::Program;
 

@@ -7,8 +7,8 @@ use std::path::Path;
 
 use crate::time_use::{TimeTable, TimeUse};
 use anyhow::Context;
+use audit::Totals;
 use path::path_part::PathPart;
-use path::totals::Totals;
 use path::window::{PlannedSetpoint, WindowPlanner};
 
 use crate::check::{print_totals, walk};

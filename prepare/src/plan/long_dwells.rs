@@ -1,8 +1,8 @@
 //! Dwells of hours: nothing happens in their scans, so most of them are counted and not planned.
 
 use crate::time_use::{BlockTime, Cause, SlowPlace, TimeTable};
+use audit::Totals;
 use path::geometry::Shape;
-use path::totals::Totals;
 use program::Program;
 
 /// Scans of a dwell that are planned; those above them are all the same.

@@ -4,8 +4,8 @@ use std::path::Path;
 
 use ::report::path_plot::{self, Meaning, PathPicture, PathPoint};
 use anyhow::Context;
+use audit::Totals;
 use machine::AxisKind;
-use path::totals::Totals;
 use path::window::PlannedSetpoint;
 
 use launcher::check::Checked;

@@ -2,9 +2,9 @@
 
 use std::ops::ControlFlow;
 
-use crate::audit::{LimitShares, SetpointAudit, SetpointFault};
-use crate::path_part::PathPart;
-use crate::window::{Lead, PlanError, PlannedSetpoint, WindowPlanner, WindowRequest};
+use crate::setpoint_audit::{LimitShares, SetpointAudit, SetpointFault};
+use path::path_part::PathPart;
+use path::window::{Lead, PlanError, PlannedSetpoint, WindowPlanner, WindowRequest};
 
 /// How a program is planned in advance.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -2,9 +2,9 @@
 //! how setpoints were planned.
 use thiserror::Error;
 
-use crate::geometry::{Element, MAX_AXES};
-use crate::limits::MotionLimits;
-use crate::path_part::PathPart;
+use path::geometry::{Element, MAX_AXES};
+use path::limits::MotionLimits;
+use path::path_part::PathPart;
 
 /// What is wrong with a setpoint.
 #[derive(Debug, Clone, Copy, PartialEq, Error)]
