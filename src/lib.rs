@@ -2,6 +2,7 @@
 
 pub mod cli;
 pub mod manual;
+mod reference;
 
 use bus::sample::Order;
 use cell::RecorderOptions;

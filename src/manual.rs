@@ -9,10 +9,9 @@ use clap_mangen::Man;
 
 use console::exit::{Kind, Outcome};
 use console::output::say;
-use fieldbus::drive_file;
-use plant_sim::plant_file;
 
 use crate::cli::{Cli, CompletionsOptions, ManOptions, ReferenceOptions};
+use crate::reference;
 
 /// Columns of the help in the book.
 const BOOK_COLUMNS: usize = 100;
@@ -56,15 +55,15 @@ pub fn man(options: &ManOptions) -> Outcome {
 /// # Errors
 /// None.
 pub fn reference(options: &ReferenceOptions) -> Outcome {
-    let text = match (options.file.as_str(), options.schema) {
-        ("machine", false) => machine::reference(),
-        ("machine", true) => machine::schema().json(),
-        ("drive", false) => drive_file::reference(),
-        ("drive", true) => drive_file::schema().json(),
-        (_, false) => plant_file::reference(),
-        (_, true) => plant_file::schema().json(),
-    };
-    say(text.trim_end());
+    let files = reference::settings_files().into_iter();
+    let mut named = files.filter(|(name, ..)| *name == options.file);
+    if let Some((_, introduction, schema)) = named.next() {
+        let text = match options.schema {
+            true => schema.json(),
+            false => reference::page(introduction, &schema),
+        };
+        say(text.trim_end());
+    }
     Ok(())
 }
 

@@ -10,4 +10,4 @@ pub use keys::{
     DriveFile, Identity, Limits, Mailbox, ManagerPurpose, Mapping, Mode, OptionCodes, ProcessData,
     Scaling, Sdo, StartUp, SyncManager, SyncMode,
 };
-pub use load::{Judged, load, parse, reference, schema};
+pub use load::{Judged, load, parse, schema};

@@ -1,4 +1,3 @@
 //! Drives on a bus, seen from outside.
 
 mod inputs;
-mod reference;

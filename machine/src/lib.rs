@@ -57,7 +57,7 @@ pub use interpolation::{Interpolation, StraightLines, WithinPeriod};
 pub use kept::{KeptTexts, OFFSETS_FILE, TOOLS_FILE, keep_tool, update_offsets, update_tools};
 pub use kept_files::KeptFiles;
 pub use kinematics::{Carries, Kinematics, KinematicsKind};
-pub use load::{copy_named_files, machine_file, reference, schema, snapshot, with_kept};
+pub use load::{copy_named_files, machine_file, schema, snapshot, with_kept};
 pub use log_keeping::LogKeeping;
 pub use loops::{FeedForward, PREDICTION_M_MIN, PositionLoop, Prediction, VelocityLoop};
 pub use machine::{DEAD_TIME_SCANS_MAX, Machine, ProgramSettings, Scan};

@@ -230,8 +230,3 @@ pub fn machine_file(path: &Path) -> PathBuf {
 pub fn schema() -> Schema {
     Schema::of::<Machine>()
 }
-
-/// The page of the machine file in the reference.
-pub fn reference() -> String {
-    settings_file::reference(include_str!("machine-file.md"), &schema())
-}

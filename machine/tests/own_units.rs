@@ -1,8 +1,6 @@
 //! Rotary axes in their own units, and transmissions in place of a lead.
 
-use machine::settings_file::{with_own_units, with_slides};
-use machine::{Machine, schema};
-use toml_edit::{DocumentMut, value};
+use machine::Machine;
 
 /// A machine of a rotary axis in its own units.
 const TABLE: &str = r#"name = "table"
@@ -123,31 +121,4 @@ fn a_transmission_is_one_thing_and_goes_without_a_lead() {
         said.contains("missing field `lead_deg`, or a table `transmission`"),
         "{said}"
     );
-}
-
-#[test]
-fn a_file_that_was_edited_as_slides_is_written_back_as_it_speaks() {
-    let original: DocumentMut = TABLE.parse().expect("TOML");
-    let mut slides = with_slides(&schema(), &original);
-    assert!(slides.to_string().contains("rapid_mm_s = 120.0"));
-    assert_eq!(
-        with_own_units(&schema(), &slides, &original).to_string(),
-        TABLE
-    );
-
-    let axis = slides["axis"]
-        .as_array_of_tables_mut()
-        .and_then(|axes| axes.get_mut(0));
-    let axis = axis.expect("an axis");
-    axis["velocity_loop"]["gain_n_s_per_m"] = value(2.0 * N_PER_NM * N_PER_NM);
-    axis["reversal"]["backlash_um"] = value(3.0);
-    let written = with_own_units(&schema(), &slides, &original).to_string();
-    assert!(written.contains("gain_nm_s_per_rad = 2.0"), "{written}");
-    assert!(written.contains("backlash_mdeg = 3.0"), "{written}");
-    assert!(
-        written.contains("travel_min_deg = -360.0   # one turn back"),
-        "{written}"
-    );
-    assert!(written.contains("inertia_kg_m2 = 0.8\n"), "{written}");
-    Machine::parse("m.toml", &written).expect("a good file");
 }

@@ -18,4 +18,4 @@ pub use keys::{
     PlantScrew, PlantSimple, PlantSphere, PlantSpindle, PlantTable, PlantToolChanger,
     PlantVariation, TableFriction,
 };
-pub use load::{reference, schema};
+pub use load::schema;

@@ -2,5 +2,4 @@
 
 mod closed_loop;
 mod dead_time;
-mod reference;
 mod structures;

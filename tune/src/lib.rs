@@ -25,6 +25,7 @@ mod least_squares;
 mod motions;
 pub mod new_machine;
 pub mod options;
+mod own_form;
 mod path_learning;
 mod recording;
 mod ringing;
@@ -38,8 +39,8 @@ use std::fs;
 use std::path::Path;
 
 use anyhow::{Context, anyhow, bail};
-use machine::settings_file::{with_own_units, with_slides};
 use machine::{Machine, PositionFeedback, ReversalMethod, machine_file};
+use own_form::{with_own_units, with_slides};
 use toml_edit::DocumentMut;
 
 use crate::options::{TuneOptions, of_axes};

@@ -50,8 +50,3 @@ pub fn parse(
 pub fn schema() -> Schema {
     Schema::of::<DriveFile>()
 }
-
-/// The page of the drive file in the reference.
-pub fn reference() -> String {
-    settings_file::reference(include_str!("drive-file.md"), &schema())
-}

@@ -203,10 +203,7 @@ impl<'a> KeySchema<'a> {
     }
 
     /// The key of the slide that a rotary axis has under the name `own` in a table, and its unit there. None for what the table has itself.
-    pub(in crate::settings_file) fn slide_key(
-        self,
-        own: &str,
-    ) -> Option<(&'a str, KeySchema<'a>, &'static OwnUnit)> {
+    pub fn slide_key(self, own: &str) -> Option<(&'a str, KeySchema<'a>, &'static OwnUnit)> {
         if self.key(own).is_some() {
             return None;
         }
@@ -222,7 +219,7 @@ impl<'a> KeySchema<'a> {
     }
 
     /// The name that a rotary axis has for a key of a slide, and its unit; none for what is the same for both.
-    pub(in crate::settings_file) fn own_key(self, key: &str) -> Option<(String, &'static OwnUnit)> {
+    pub fn own_key(self, key: &str) -> Option<(String, &'static OwnUnit)> {
         let of_key = self.keys().find(|(name, _)| *name == key)?.1;
         let unit = OWN_UNITS.iter().find(|unit| {
             key.ends_with(unit.slide_ending) && of_key.number_unit() == unit.slide_unit

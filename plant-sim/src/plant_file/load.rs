@@ -40,8 +40,3 @@ impl PlantFile {
 pub fn schema() -> Schema {
     Schema::of::<PlantFile>()
 }
-
-/// The page of the plant file in the reference.
-pub fn reference() -> String {
-    settings_file::reference(include_str!("plant-file.md"), &schema())
-}

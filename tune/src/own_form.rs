@@ -2,8 +2,7 @@
 
 use toml_edit::{DocumentMut, InlineTable, Item, Key, Table, Value};
 
-use crate::settings_file::own_units::OwnUnit;
-use crate::settings_file::schema::{KeySchema, Schema};
+use machine::settings_file::{KeySchema, OwnUnit, Schema};
 
 /// Significant digits of a value that was changed and is written in another unit.
 const DIGITS: usize = 4;
@@ -183,5 +182,76 @@ fn divided(item: &Item, unit: &OwnUnit) -> Item {
             let text = format!("{:.*e}", DIGITS - 1, number / factor);
             text.parse().unwrap_or(number / factor)
         }),
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::expect_used)]
+mod tests {
+    use machine::settings_file::N_PER_NM;
+    use machine::{Machine, schema};
+    use toml_edit::value;
+
+    use super::*;
+
+    /// A machine of a rotary axis in its own units.
+    const TABLE: &str = r#"name = "table"
+
+[scan]
+period_us = 1000
+interpolation_period_scans = 8
+
+[[axis]]
+name = "A"
+kind = "rotary"
+travel_min_deg = -360.0   # one turn back
+travel_max_deg = 360
+rapid_deg_s = 120.0
+acceleration_deg_s2 = 500.0
+quick_stop_deg_s2 = 1000.0
+following_error_limit_deg = 1.0
+in_position_mdeg = 5.0
+transmission = { gear_ratio = 90 }
+motor = { rated_torque_nm = 2.0, peak_torque_nm = 6.0 }
+position_loop = { gain_per_s = 50.0 }
+reversal.method = "none"
+
+[axis.velocity_loop]
+gain_nm_s_per_rad = 240.5  # by law
+integral_time_ms = 10.0
+period_us = 250
+
+[axis.model]
+inertia_kg_m2 = 0.8
+coulomb_nm = 10.0
+viscous_nm_s_per_rad = 0.5
+friction = { share = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0], break_mdeg = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0], stribeck_deg_s = 2.0, static_ratio = 1.2 }
+"#;
+
+    #[test]
+    fn a_file_that_was_edited_as_slides_is_written_back_as_it_speaks() {
+        let original: DocumentMut = TABLE.parse().expect("TOML");
+        let mut slides = with_slides(&schema(), &original);
+        assert!(slides.to_string().contains("rapid_mm_s = 120.0"));
+        assert_eq!(
+            with_own_units(&schema(), &slides, &original).to_string(),
+            TABLE
+        );
+
+        let axis = slides["axis"]
+            .as_array_of_tables_mut()
+            .and_then(|axes| axes.get_mut(0));
+        let axis = axis.expect("an axis");
+        axis["velocity_loop"]["gain_n_s_per_m"] = value(2.0 * N_PER_NM * N_PER_NM);
+        axis["reversal"]["backlash_um"] = value(3.0);
+        let written = with_own_units(&schema(), &slides, &original).to_string();
+        assert!(written.contains("gain_nm_s_per_rad = 2.0"), "{written}");
+        assert!(written.contains("backlash_mdeg = 3.0"), "{written}");
+        assert!(
+            written.contains("travel_min_deg = -360.0   # one turn back"),
+            "{written}"
+        );
+        assert!(written.contains("inertia_kg_m2 = 0.8\n"), "{written}");
+        Machine::parse("m.toml", &written).expect("a good file");
     }
 }

@@ -1,16 +1,39 @@
-//! The page of a settings file in the reference of the book.
+//! The pages of settings files in the reference of the book, made of their keys.
 
 use std::fmt::Write as _;
 
-use crate::settings_file::schema::{KeySchema, Kind, Schema};
+use fieldbus::drive_file;
+use machine::settings_file::{KeySchema, Kind, Schema};
+use plant_sim::plant_file;
 
 /// Longest line of prose, in characters.
 const COLUMNS: usize = 120;
 /// What stands for a name that is free.
 const ANY_NAME: &str = "NAME";
 
+/// What a settings file may hold: its name in the commands and in the book, what stands before the keys, and its schema.
+pub fn settings_files() -> [(&'static str, &'static str, Schema); 3] {
+    [
+        (
+            "machine",
+            include_str!("reference/machine-file.md"),
+            machine::schema(),
+        ),
+        (
+            "plant",
+            include_str!("reference/plant-file.md"),
+            plant_file::schema(),
+        ),
+        (
+            "drive",
+            include_str!("reference/drive-file.md"),
+            drive_file::schema(),
+        ),
+    ]
+}
+
 /// A page in Markdown: `introduction`, then a section for each table with a line for each key.
-pub fn reference(introduction: &str, schema: &Schema) -> String {
+pub fn page(introduction: &str, schema: &Schema) -> String {
     let mut page = introduction.to_string();
     keys(&mut page, schema.root(), "");
     page
@@ -160,4 +183,34 @@ fn meaning(of_key: KeySchema<'_>) -> String {
         );
     }
     meaning.replace('|', "\\|")
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+    use std::path::Path;
+
+    use super::*;
+
+    /// A file of the repository is what the keys in the code say. With `RENEW=1` it is written.
+    fn assert_fresh(path: &str, text: &str) {
+        let file = Path::new(env!("CARGO_MANIFEST_DIR")).join(path);
+        if std::env::var_os("RENEW").is_some() {
+            fs::write(&file, text).unwrap_or_else(|e| panic!("{path}: {e}"));
+        }
+        let found = fs::read_to_string(&file).unwrap_or_default();
+        assert!(
+            found == text,
+            "{path} is not what the keys in the code say. Write it again: RENEW=1 cargo test --release -p quadrant --lib"
+        );
+    }
+
+    #[test]
+    fn the_pages_and_schemas_of_settings_files_are_those_of_their_keys() {
+        for (name, introduction, schema) in settings_files() {
+            let text = page(introduction, &schema);
+            assert_fresh(&format!("docs/reference/{name}-file.md"), &text);
+            assert_fresh(&format!("machines/{name}.schema.json"), &schema.json());
+        }
+    }
 }
