@@ -15,32 +15,18 @@ use path::window::{Lead, PlanError, PlannedSetpoint, WindowOutcome, WindowPlanne
 use crate::kept_parameters::Left;
 use program::{Message, Note, Piece, Progress, Question, Reading, ResumeError, Setup};
 
-use crate::course::{AT_ONCE_ELEMENTS, CourseError, Reach, motion_limits, window_planner_ahead};
+use crate::course::{
+    AHEAD_ELEMENTS, AT_ONCE_ELEMENTS, BLOCKS_AT_A_TIME, BLOCKS_IN_MOTION, Reach, motion_limits,
+    window_planner_ahead,
+};
+use crate::error::{AheadError, CourseError};
 use crate::events::Events;
 use crate::in_step::{self, InStep};
 use crate::place::{PLACE_ELEMENTS, Place};
 use crate::program_text::ProgramText;
 
-/// So many elements are known ahead of the tool.
-pub(crate) const AHEAD_ELEMENTS: u32 = 16_384;
 /// Blocks read in one period while the axes stand.
 const BLOCKS_AT_REST: usize = 16_384;
-/// Blocks read in one period while they move: ten times what the fastest machine travels of short chords. Four times as many where the tool comes nearer to
-/// the end of what is known: blocks that only reckon have no elements.
-pub(crate) const BLOCKS_IN_MOTION: usize = 256;
-/// Blocks read at a time.
-pub(crate) const BLOCKS_AT_A_TIME: usize = 256;
-
-/// Why a program cannot be planned.
-#[derive(Debug, thiserror::Error)]
-pub enum AheadError {
-    /// The program.
-    #[error(transparent)]
-    Program(#[from] ResumeError),
-    /// The machine cannot do it.
-    #[error(transparent)]
-    Course(#[from] CourseError),
-}
 
 /// A program as far as it is read.
 #[derive(Debug, Clone)]

@@ -6,40 +6,22 @@ use path::geometry::{AxisVector, Element, MAX_AXES, Path};
 use path::kinematics::Kinematics;
 use path::limits::{AxisLimits, LimitsError, MotionLimits};
 use path::pivot::{OutOfReach, PivotY};
-use path::positioning::{MotorLoad, Positioning, RatingError};
+use path::positioning::{MotorLoad, Positioning};
 use path::rounding::RoundingSettings;
 use path::setpoint_settings::{SecondMotors, SetpointSettings, StraightLines};
 use path::speed_map::{BLOCK_ELEMENTS, LOOK_AHEAD_ELEMENTS};
-use path::window::{PlanError, WindowPlanner, WindowSettings};
-use program::{Program, kinematics_of};
+use path::window::{WindowPlanner, WindowSettings};
+use program::kinematics_of;
 
-use crate::ahead::{AHEAD_ELEMENTS, BLOCKS_AT_A_TIME, BLOCKS_IN_MOTION};
-use crate::events::{EventError, Events};
+use crate::error::CourseError;
 
-/// Why a program cannot be planned on a machine.
-#[derive(Debug, thiserror::Error)]
-pub enum CourseError {
-    /// The limits do not go with the increments and the scan.
-    #[error(transparent)]
-    Limits(#[from] LimitsError),
-    /// The path does not go with the limits.
-    #[error(transparent)]
-    Plan(#[from] PlanError),
-    /// An axis that its motor cannot move at its rating.
-    #[error("axis {axis}: {source}")]
-    Rating {
-        /// Letter of the axis.
-        axis: String,
-        /// Why.
-        source: RatingError,
-    },
-    /// The machine cannot do what happens on the way.
-    #[error(transparent)]
-    Event(#[from] EventError),
-    /// The axes cannot bring the tool there.
-    #[error(transparent)]
-    OutOfReach(#[from] OutOfReach),
-}
+/// So many elements are known ahead of the tool.
+pub(crate) const AHEAD_ELEMENTS: u32 = 16_384;
+/// Blocks read in one period while they move: ten times what the fastest machine travels of short chords. Four times as many where the tool comes nearer to
+/// the end of what is known: blocks that only reckon have no elements.
+pub(crate) const BLOCKS_IN_MOTION: usize = 256;
+/// Blocks read at a time.
+pub(crate) const BLOCKS_AT_A_TIME: usize = 256;
 
 /// The limits of a machine's axes, and how setpoints are made on it.
 ///
@@ -109,21 +91,6 @@ fn positioning(machine: &Machine) -> Result<Option<Positioning>, CourseError> {
         })?);
     }
     Ok(Some(positioning))
-}
-
-/// A planner of windows along the path of a program that rests where events want it, and the events.
-///
-/// # Errors
-/// [`CourseError`].
-pub fn course(machine: &Machine, program: Program) -> Result<(WindowPlanner, Events), CourseError> {
-    let Program {
-        mut path,
-        start,
-        events,
-        ..
-    } = program;
-    let events = Events::of(machine, &events, &mut path)?;
-    Ok((window_planner(machine, path, start)?, events))
 }
 
 /// A planner of windows along a program's path, from where the tool is at the start. A program without motion waits

@@ -9,22 +9,13 @@ use bus::sample::{
 };
 use machine::{Machine, Spindle};
 use path::geometry::{Element, Feed, Path};
-use program::{Event, EventKind, Message, ProgramEnd, SurfaceSpeed};
+use path::window::WindowPlanner;
+use program::{Event, EventKind, Message, Program, ProgramEnd, SurfaceSpeed};
 
-use crate::in_step::{InStepError, Pass, Steps};
+use crate::course::window_planner;
+use crate::error::{CourseError, EventError};
+use crate::in_step::{Pass, Steps};
 use crate::messages::{Messages, WAITING_MAX};
-
-/// An event that this machine cannot do.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("line {line}: {found}: {right}")]
-pub struct EventError {
-    /// Line of the program.
-    pub line: u32,
-    /// What was found.
-    pub found: String,
-    /// What would be right.
-    pub right: String,
-}
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Planned {
@@ -645,10 +636,19 @@ impl Events {
     }
 }
 
-impl From<InStepError> for EventError {
-    fn from(InStepError { line, found, right }: InStepError) -> EventError {
-        EventError { line, found, right }
-    }
+/// A planner of windows along the path of a program that rests where events want it, and the events.
+///
+/// # Errors
+/// [`CourseError`].
+pub fn course(machine: &Machine, program: Program) -> Result<(WindowPlanner, Events), CourseError> {
+    let Program {
+        mut path,
+        start,
+        events,
+        ..
+    } = program;
+    let events = Events::of(machine, &events, &mut path)?;
+    Ok((window_planner(machine, path, start)?, events))
 }
 
 #[cfg(test)]

@@ -16,6 +16,7 @@ use path::window::{PlanError, PlannedSetpoint, WindowOutcome, WindowPlanner, Win
 use program::{Event, EventKind};
 
 use crate::course::window_setpoints;
+use crate::error::EventError;
 
 /// Setpoints of a window that neither move as intended nor brake: the last two are the same, one is for rounding.
 const REST_SETPOINTS: u32 = 4;
@@ -347,17 +348,6 @@ fn shown(value: f64) -> f64 {
     libm::round(value * 1e6) / 1e6
 }
 
-/// A motion in step that the machine cannot make.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct InStepError {
-    /// Line of the program.
-    pub line: u32,
-    /// What was found.
-    pub found: String,
-    /// What would be right.
-    pub right: String,
-}
-
 /// Which elements are in step, as they are read.
 #[derive(Debug, Clone, Default)]
 pub struct Steps {
@@ -389,7 +379,7 @@ impl Steps {
     ///
     /// # Errors
     /// Motion that cannot be in step.
-    pub fn read(&mut self, event: &Event) -> Result<(), InStepError> {
+    pub fn read(&mut self, event: &Event) -> Result<(), EventError> {
         self.line = event.line;
         match event.kind {
             EventKind::SpindleFollowed(_) if self.thread_mm.is_some() => {
@@ -407,8 +397,8 @@ impl Steps {
         Ok(())
     }
 
-    fn refuse(&self, found: String, right: String) -> InStepError {
-        InStepError {
+    fn refuse(&self, found: String, right: String) -> EventError {
+        EventError {
             line: self.line,
             found,
             right,
@@ -429,7 +419,7 @@ impl Steps {
     ///
     /// # Errors
     /// An axis is too slow for it: a thread goes as fast as the spindle turns, within what counts as its speed.
-    pub fn meet(&self, number: u32, element: &Element) -> Result<Option<Pass>, InStepError> {
+    pub fn meet(&self, number: u32, element: &Element) -> Result<Option<Pass>, EventError> {
         let Some(mm_per_turn) = self.thread_mm.or(self.tap_mm) else {
             return Ok(None);
         };
@@ -468,7 +458,7 @@ impl Steps {
     ///
     /// # Errors
     /// It goes along more than one.
-    pub fn axis_of(&self, element: &Element) -> Result<Option<(u32, f64)>, InStepError> {
+    pub fn axis_of(&self, element: &Element) -> Result<Option<(u32, f64)>, EventError> {
         if element.length_mm <= 0.0 || self.tap_mm.is_none() {
             return Ok(None);
         }

@@ -14,6 +14,7 @@
 
 mod ahead;
 mod course;
+mod error;
 mod events;
 mod in_step;
 mod kept_parameters;
@@ -32,9 +33,9 @@ mod survey;
 #[cfg(test)]
 mod test_spindle;
 
-pub use ahead::AheadError;
-pub use course::{CourseError, course, motion_limits, window_planner};
-pub use events::{EventError, Events, acts_on};
+pub use course::{motion_limits, window_planner};
+pub use error::{AheadError, CourseError, EventError};
+pub use events::{Events, acts_on, course};
 pub use in_step::needs as needs_in_step;
 pub use kept_parameters::Left;
 pub use line_search::{LineError, StartPlace, start_place};

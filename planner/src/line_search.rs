@@ -4,7 +4,8 @@ use bus::sample::{EventCode, MAX_AXES, ProgramEvent};
 use machine::Machine;
 use program::Setup;
 
-use crate::ahead::{AheadError, Course};
+use crate::ahead::Course;
+use crate::error::AheadError;
 use crate::in_step;
 use crate::levels_before::LevelsBefore;
 use crate::place::Place;

@@ -15,7 +15,8 @@ use path::speed_map::first_mapped;
 use path::window::{Lead, PlanError, PlannedSetpoint, WindowRequest};
 use program::Setup;
 
-use crate::ahead::{AheadError, Course};
+use crate::ahead::Course;
+use crate::error::AheadError;
 use crate::in_step;
 use crate::kept_parameters::Left;
 use crate::line_search::LineSearch;
@@ -246,11 +247,7 @@ impl Planner {
     pub fn load(&mut self, program: Option<ProgramText>, feedback: &Feedback) {
         self.load = feedback.load;
         self.cause = Cause::None;
-        self.course = None;
-        self.place = None;
-        self.return_to_path = None;
-        self.in_force.header = WindowHeader::zeroed();
-        self.pending.header = WindowHeader::zeroed();
+        self.read_anew();
         self.program = program;
         if self.program.is_none() {
             self.cause = Cause::Planner;

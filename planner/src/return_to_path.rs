@@ -8,7 +8,8 @@ use path::path_part::PathPart;
 use path::profile::PathState;
 use path::window::WindowPlanner;
 
-use crate::course::{CourseError, window_planner};
+use crate::course::window_planner;
+use crate::error::CourseError;
 
 /// The machine is so long at the place, in s, before the program goes on: ten time constants of a position loop of
 /// 50/s, so that what the return left is gone before the path is measured again.

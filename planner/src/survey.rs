@@ -4,7 +4,8 @@ use bus::sample::MAX_AXES;
 use machine::Machine;
 use program::{Note, Setup};
 
-use crate::ahead::{AheadError, Course};
+use crate::ahead::Course;
+use crate::error::AheadError;
 use crate::program_text::ProgramText;
 
 /// What a program comes to.

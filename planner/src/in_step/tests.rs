@@ -6,8 +6,8 @@ use path::geometry::AxisVector;
 use program::{Setup, interpret};
 
 use super::*;
-use crate::course::course;
 use crate::events::Events;
+use crate::events::course;
 
 fn lathe() -> Machine {
     let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../machines/xz-lathe");
