@@ -108,7 +108,7 @@ pub fn load_changed(
     limits.with_context(|| path.display().to_string())?;
     let (mut short, mut long) = (None, None);
     if let Some(file) = program {
-        short = program::load_if_short(&machine, &start, file, SHORT_ELEMENTS)?;
+        short = program::load_if_short(&machine, &start, file, SHORT_ELEMENTS, &[])?;
         if short.is_none() {
             long = Some(survey_file(&machine, file, start, depth)?);
         }

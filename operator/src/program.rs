@@ -137,7 +137,7 @@ pub(super) fn check(client: &Client, file: &Path, now: &Feedback) -> anyhow::Res
     let machine = &client.machine_of_next_program(&now.auxiliary)?;
     let start = now.axes.map(|axis| axis.command_position);
     let name = file.display().to_string();
-    let short = program::load_if_short(machine, &start, file, program::SHORT_ELEMENTS)?;
+    let short = program::load_if_short(machine, &start, file, program::SHORT_ELEMENTS, &[])?;
     let (notes, elements, length_mm, ends_by_word) = match short {
         Some(program) => {
             // The copy of a cell names the folder in full.

@@ -35,7 +35,7 @@ pub fn machine_of_run(machine: &Machine, place: &CellPaths, feedback: &Feedback)
 /// another program by now.
 pub fn program_behind(file: &Path, machine: &Machine, feedback: &Feedback) -> Option<Program> {
     let start = &feedback.program_start;
-    let read = program::load_if_short(machine, start, file, SHORT_ELEMENTS).ok();
+    let read = program::load_if_short(machine, start, file, SHORT_ELEMENTS, &[]).ok();
     read.flatten()
         .filter(|program| program.source_hash == feedback.program_hash)
 }

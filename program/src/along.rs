@@ -8,10 +8,11 @@ use path::geometry::Path;
 
 use crate::bundle::read_program;
 use crate::error::ResumeError;
-use crate::program::{Program, Setup};
+use crate::program::{Piece, Program, Setup};
 use crate::question::Answer;
-use crate::reading::{Piece, Progress, Reading};
-use crate::resume::{load_knowing, tool_at};
+use crate::reading::{Progress, Reading};
+use crate::resume::load_from;
+use crate::setup::tool_at;
 
 /// Programs of at most so many elements are held whole by who wants to see all of one: some 20 MB.
 pub const SHORT_ELEMENTS: u64 = 30_000;
@@ -23,32 +24,19 @@ const BUNDLED_BYTES: u64 = 4 << 20;
 /// Elements to either side of the place that are at hand.
 const NEAR: u32 = 64;
 
-/// Reads and interprets a program file if its path has at most so many elements; none of a longer one. Its memory is bounded
-/// either way.
+/// Reads and interprets a program file if its path has at most so many elements, with what a machine has answered to what the program
+/// asks; none of a longer one. Its memory is bounded either way.
 ///
 /// # Errors
-/// [`ResumeError`]; of a longer program only what is met so far.
+/// [`ResumeError`]; of a longer program only what is met so far. An answer is none to what is asked.
 pub fn load_if_short(
-    machine: &Machine,
-    increments: &[i64],
-    file: &FilePath,
-    elements_max: u64,
-) -> Result<Option<Program>, ResumeError> {
-    load_if_short_knowing(machine, increments, file, elements_max, &[])
-}
-
-/// The same, with what a machine has answered to what the program asks.
-///
-/// # Errors
-/// As above; an answer is none to what is asked.
-pub fn load_if_short_knowing(
     machine: &Machine,
     increments: &[i64],
     file: &FilePath,
     elements_max: u64,
     answers: &[Answer],
 ) -> Result<Option<Program>, ResumeError> {
-    let mut along = Along::open_knowing(machine, increments, file, answers)?;
+    let mut along = Along::open(machine, increments, file, answers)?;
     // What is wrong is found again below, with everything else that is.
     while let Ok(Progress::More) = along.read() {
         along.near.elements.clear();
@@ -56,7 +44,7 @@ pub fn load_if_short_knowing(
             return Ok(None);
         }
     }
-    load_knowing(machine, increments, file, answers).map(Some)
+    load_from(machine, increments, file, answers).map(Some)
 }
 
 /// The path of a program near the place that somebody has come to.
@@ -70,7 +58,8 @@ pub struct Along {
 }
 
 impl Along {
-    /// At the start of a program file, on a machine with its command positions at these increments.
+    /// At the start of a program file, on a machine with its command positions at these increments, with what the machine has answered to
+    /// what the program asks; what comes behind the last answer is assumed.
     ///
     /// # Errors
     /// [`ResumeError`].
@@ -78,26 +67,10 @@ impl Along {
         machine: &Machine,
         increments: &[i64],
         file: &FilePath,
-    ) -> Result<Along, ResumeError> {
-        Along::open_knowing(machine, increments, file, &[])
-    }
-
-    /// The same, with what a machine has answered to what the program asks; what comes behind the last answer is assumed.
-    ///
-    /// # Errors
-    /// [`ResumeError`].
-    pub fn open_knowing(
-        machine: &Machine,
-        increments: &[i64],
-        file: &FilePath,
         answers: &[Answer],
     ) -> Result<Along, ResumeError> {
         let start = tool_at(machine, increments)?;
-        let setup = Arc::new(Setup {
-            rehearsed: true,
-            answers: answers.to_vec(),
-            ..Setup::of(machine)
-        });
+        let setup = Arc::new(Setup::rehearsed(machine, answers));
         let is_small = std::fs::metadata(file).is_ok_and(|of| of.len() <= BUNDLED_BYTES);
         let reading = if is_small {
             let text = read_program(file, &machine.subroutine_folders)?;
@@ -156,11 +129,14 @@ mod tests {
         let machines = FilePath::new(env!("CARGO_MANIFEST_DIR")).join("../machines/xy");
         let mut machine = Machine::load(&machines).unwrap();
         machine.program.clear_work_offsets();
-        let whole = load_if_short(&machine, &[0; 8], &file, 9000)
+        let whole = load_if_short(&machine, &[0; 8], &file, 9000, &[])
             .unwrap()
             .unwrap();
-        assert_eq!(load_if_short(&machine, &[0; 8], &file, 8000).unwrap(), None);
-        let mut along = Along::open(&machine, &[0; 8], &file).unwrap();
+        assert_eq!(
+            load_if_short(&machine, &[0; 8], &file, 8000, &[]).unwrap(),
+            None
+        );
+        let mut along = Along::open(&machine, &[0; 8], &file, &[]).unwrap();
         for element in (0..9000u32).step_by(37) {
             let (near, first) = along.near(element);
             assert!(near.elements.len() < 1000);

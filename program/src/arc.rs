@@ -1,6 +1,9 @@
 //! The geometry of one arc block, in the plane: where its centre is and which way round it goes.
 
-use path::geometry::{AxisVector, Element, Shape, axis_unit, sweep_between_rad};
+use path::geometry::{AxisVector, Element, Shape, sweep_between_rad};
+
+use crate::flat::Flat;
+use crate::refusal::{Refusal, wrong};
 
 /// Ends nearer than this are one point, and the arc a full circle: 1 nm, as LinuxCNC's CIRCLE_FUZZ.
 const FULL_CIRCLE_CHORD_MM: f64 = 1e-6;
@@ -15,7 +18,7 @@ const ROUNDING_MM: f64 = 1e-9;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Circle {
     /// Centre in machine coordinates (first, second axis of the plane).
-    Centre([f64; 2]),
+    Centre(Flat),
     /// Radius; negative for the way round that is longer than half a turn.
     RadiusMm(f64),
 }
@@ -75,20 +78,15 @@ impl ArcTolerance {
     }
 }
 
-/// What is wrong with an arc, and what would be right.
-pub type ArcRefusal = (String, String);
-
 impl ArcBlock {
     /// The one or two shapes the block becomes; see the crate's page for when it is two.
-    pub fn shapes(&self) -> Result<Vec<Shape>, ArcRefusal> {
+    pub fn shapes(&self) -> Result<Vec<Shape>, Refusal> {
         let centre = self.centre()?;
-        let (start, end) = (self.in_plane(&self.from), self.in_plane(&self.to));
+        let chord = self.in_plane(&self.to) - self.in_plane(&self.from);
         let [start_radius_mm, end_radius_mm] = self.radii_mm(centre);
         if start_radius_mm < RADIUS_MIN_MM {
-            return Err((
-                "an arc of radius zero".into(),
-                "the centre must lie away from the start".into(),
-            ));
+            let right = "the centre must lie away from the start";
+            return wrong("an arc of radius zero", right);
         }
         let difference_mm = (start_radius_mm - end_radius_mm).abs();
         let allowed_mm = self.tolerance.radii(start_radius_mm.max(end_radius_mm));
@@ -96,13 +94,11 @@ impl ArcBlock {
             let found = format!(
                 "an arc whose start is {start_radius_mm:.4} mm and whose end is {end_radius_mm:.4} mm from its centre"
             );
-            return Err((
-                found,
-                format!("the radii may differ by at most {allowed_mm:.3} mm"),
-            ));
+            let right = format!("the radii may differ by at most {allowed_mm:.3} mm");
+            return wrong(found, right);
         }
         let centre = self.placed(centre);
-        let chord_mm = libm::hypot(end[0] - start[0], end[1] - start[1]);
+        let chord_mm = chord.length();
         if difference_mm <= ROUNDING_MM || chord_mm <= FULL_CIRCLE_CHORD_MM {
             let sweep_rad = self.sweep_rad(&self.from, &self.to, &centre, self.turns);
             return Ok(vec![Element::arc_shape(
@@ -114,11 +110,8 @@ impl ArcBlock {
     }
 
     /// How far start and end are from a centre.
-    fn radii_mm(&self, centre: [f64; 2]) -> [f64; 2] {
-        [&self.from, &self.to].map(|point| {
-            let point = self.in_plane(point);
-            libm::hypot(point[0] - centre[0], point[1] - centre[1])
-        })
+    fn radii_mm(&self, centre: Flat) -> [f64; 2] {
+        [&self.from, &self.to].map(|point| (self.in_plane(point) - centre).length())
     }
 
     /// Whether start and end are less equally far from the centre than rounding leaves them.
@@ -132,7 +125,7 @@ impl ArcBlock {
     }
 
     /// Where the centre is, before rounding is taken out.
-    pub fn centre(&self) -> Result<[f64; 2], ArcRefusal> {
+    pub fn centre(&self) -> Result<Flat, Refusal> {
         match self.circle {
             Circle::Centre(centre) => Ok(centre),
             Circle::RadiusMm(radius_mm) => self.centre_of_radius(radius_mm),
@@ -175,20 +168,12 @@ impl ArcBlock {
         }
         // Half-way round, on the mean radius. All whole turns stay in the first piece.
         let first_turn_rad = self.sweep_rad(&self.from, &self.to, centre, 1);
-        let spoke = self.from - *centre;
-        let (first_mm, second_mm) = (
-            spoke.dot(&axis_unit(self.plane[0])),
-            spoke.dot(&axis_unit(self.plane[1])),
-        );
-        let angle_rad = libm::atan2(second_mm, first_mm) + first_turn_rad / 2.0;
+        let spoke = self.in_plane(&(self.from - *centre));
+        let angle_rad = libm::atan2(spoke.v, spoke.u) + first_turn_rad / 2.0;
         let share = (sweep_rad - first_turn_rad / 2.0) / sweep_rad;
-        let middle = self.replaced(
-            self.from + (self.to - self.from) * share,
-            [
-                self.along(centre, 0) + mean_mm * libm::cos(angle_rad),
-                self.along(centre, 1) + mean_mm * libm::sin(angle_rad),
-            ],
-        );
+        let direction = Flat::new(libm::cos(angle_rad), libm::sin(angle_rad));
+        let middle = self.in_plane(centre) + direction * mean_mm;
+        let middle = middle.put_into(self.from + (self.to - self.from) * share, self.plane);
         vec![
             piece(self.from, middle, self.turns),
             piece(middle, self.to, 1),
@@ -196,66 +181,44 @@ impl ArcBlock {
     }
 
     /// The centre that an R word means (NIST §3.5.3.1): the shorter way round, the longer for a negative R.
-    fn centre_of_radius(&self, radius_mm: f64) -> Result<[f64; 2], ArcRefusal> {
-        let (start, end) = (self.in_plane(&self.from), self.in_plane(&self.to));
-        let (first_mm, second_mm) = (end[0] - start[0], end[1] - start[1]);
-        let chord_mm = libm::hypot(first_mm, second_mm);
+    fn centre_of_radius(&self, radius_mm: f64) -> Result<Flat, Refusal> {
+        let start = self.in_plane(&self.from);
+        let chord = self.in_plane(&self.to) - start;
+        let chord_mm = chord.length();
         if chord_mm <= FULL_CIRCLE_CHORD_MM {
             let right = "name the centre with I, J, K for a full circle";
-            return Err(("an R arc that ends where it starts".into(), right.into()));
+            return wrong("an R arc that ends where it starts", right);
         }
         let (radius, half_mm) = (radius_mm.abs(), chord_mm / 2.0);
         if half_mm > radius + self.tolerance.short_mm {
             let found = format!("R of {radius:.4} mm for ends {chord_mm:.4} mm apart");
-            return Err((found, format!("R must be at least {half_mm:.4} mm")));
+            return wrong(found, format!("R must be at least {half_mm:.4} mm"));
         }
         // A radius short by no more than the tolerance means half a turn.
         let height_mm = (radius * radius - half_mm * half_mm).max(0.0).sqrt();
         let left = (radius_mm < 0.0) == self.clockwise;
         let signed_mm = if left { height_mm } else { -height_mm };
-        Ok([
-            start[0] + first_mm / 2.0 - second_mm / chord_mm * signed_mm,
-            start[1] + second_mm / 2.0 + first_mm / chord_mm * signed_mm,
-        ])
+        Ok(Flat::new(
+            start.u + chord.u / 2.0 - chord.v / chord_mm * signed_mm,
+            start.v + chord.v / 2.0 + chord.u / chord_mm * signed_mm,
+        ))
     }
 
     /// The centre moved along the chord of two points until both are equally far from it.
     fn onto_bisector(&self, centre: &AxisVector, from: &AxisVector, to: &AxisVector) -> AxisVector {
-        let (start, end, old) = (
-            self.in_plane(from),
-            self.in_plane(to),
-            self.in_plane(centre),
-        );
-        let chord = [end[0] - start[0], end[1] - start[1]];
-        let middle = [
-            (start[0] + end[0]) / 2.0 - old[0],
-            (start[1] + end[1]) / 2.0 - old[1],
-        ];
-        let share = (middle[0] * chord[0] + middle[1] * chord[1])
-            / (chord[0] * chord[0] + chord[1] * chord[1]);
-        self.placed([old[0] + share * chord[0], old[1] + share * chord[1]])
+        let [start, end, old] = [from, to, centre].map(|point| self.in_plane(point));
+        let chord = end - start;
+        let middle = (start + end) * 0.5 - old;
+        let share = middle.dot(chord) / chord.dot(chord);
+        self.placed(old + chord * share)
     }
 
-    fn along(&self, vector: &AxisVector, which: usize) -> f64 {
-        vector.dot(&axis_unit(self.plane[which]))
+    fn in_plane(&self, vector: &AxisVector) -> Flat {
+        Flat::of(vector, self.plane)
     }
 
-    fn in_plane(&self, vector: &AxisVector) -> [f64; 2] {
-        [self.along(vector, 0), self.along(vector, 1)]
-    }
-
-    /// A point of the plane through the start.
-    fn placed(&self, point: [f64; 2]) -> AxisVector {
-        self.replaced(self.from, point)
-    }
-
-    /// `vector` with its components in the plane replaced.
-    fn replaced(&self, mut vector: AxisVector, point: [f64; 2]) -> AxisVector {
-        for (axis, value) in self.plane.iter().zip(point) {
-            if let Some(component) = vector.get_mut(*axis) {
-                *component = value;
-            }
-        }
-        vector
+    /// A point of the plane, with the other components of the start.
+    fn placed(&self, point: Flat) -> AxisVector {
+        point.put_into(self.from, self.plane)
     }
 }

@@ -4,12 +4,12 @@ use std::collections::{BTreeMap, HashMap, HashSet};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use crate::error::ProgramError;
-use crate::expression::{Cursor, Lookup};
+use crate::error::{ProgramError, refuse_file};
 use crate::file::{FILE_BYTES_MAX, open_text, read_text};
-use crate::flow::{Keyword, flow_at, label_of};
+use crate::flow::{Keyword, called_by_number, flow_at};
+use crate::refusal::Refusal;
 use crate::source::{FILE_MARK, LABELS_MAX};
-use crate::text::{TextError, text_of};
+use crate::text::text_of;
 
 /// The most files of one program.
 const FILES_MAX: usize = 1000;
@@ -32,7 +32,7 @@ pub fn read_program(file: &Path, folders: &[PathBuf]) -> Result<String, ProgramE
         if (text.len() + of_file.len()) as u64 > FILE_BYTES_MAX {
             let mib = FILE_BYTES_MAX >> 20;
             let found = format!("with its subroutines is larger than {mib} MiB");
-            return Err(ProgramError::of_file(name, found, "fewer, or smaller ones"));
+            return refuse_file(name, found, "fewer, or smaller ones");
         }
         of_file.lines().for_each(|line| calls.read(line));
         if !text.ends_with('\n') {
@@ -89,7 +89,10 @@ fn copy(
     let mut ended = false;
     loop {
         number += 1;
-        let refused = |error: TextError| of_line(file, number, error);
+        let refused = |error: Refusal| {
+            let place = Some((number, error.offset as u32 + 1));
+            ProgramError::at(&file.display().to_string(), place, error)
+        };
         let Some((line, behind)) = text.bytes(byte).map_err(refused)? else {
             return Ok(Ok(ended));
         };
@@ -102,15 +105,6 @@ fn copy(
         ended = byte > 0 && line.is_empty();
         byte = behind;
     }
-}
-
-/// What is wrong with a line of a file.
-fn of_line(file: &Path, number: u32, error: TextError) -> ProgramError {
-    let mut refused = ProgramError::of_file(&file.display().to_string(), error.found, error.right);
-    for problem in &mut refused.problems {
-        problem.place = Some((number, error.offset as u32 + 1));
-    }
-    refused
 }
 
 /// The subroutines that texts define, and those that they call.
@@ -160,7 +154,7 @@ impl Calls {
     ) -> Result<Option<PathBuf>, ProgramError> {
         if self.known.len() + self.said.len() > LABELS_MAX {
             let found = format!("has or calls more than {LABELS_MAX} subroutines");
-            return Err(ProgramError::of_file(name, found, "split the program"));
+            return refuse_file(name, found, "split the program");
         }
         while let Some((_, label)) = self.called.pop_last() {
             self.said.remove(&label);
@@ -173,23 +167,12 @@ impl Calls {
             self.files += 1;
             if self.files > FILES_MAX {
                 let found = format!("calls subroutines of more than {FILES_MAX} files");
-                return Err(ProgramError::of_file(name, found, "fewer ones"));
+                return refuse_file(name, found, "fewer ones");
             }
             return Ok(Some(path));
         }
         Ok(None)
     }
-}
-
-/// The number in `M98 P…`.
-fn called_by_number(line: &str) -> Option<String> {
-    if !line.contains(['m', 'M']) {
-        return None;
-    }
-    let lower = line.to_ascii_lowercase();
-    let behind = lower.split_once("m98")?.1;
-    let at = line.len() - behind.len() + behind.find('p')? + 1;
-    label_of(Cursor::new(line, at).value(&Plain).ok()?)
 }
 
 /// Where subroutines are looked for.
@@ -230,19 +213,6 @@ impl Folders {
                 return Some(path);
             }
         }
-        None
-    }
-}
-
-/// A call that is looked for before anything runs: parameters have no value yet.
-struct Plain;
-
-impl Lookup for Plain {
-    fn numbered(&self, number: u32) -> Result<f64, (String, String)> {
-        Err((format!("#{number}"), String::new()))
-    }
-
-    fn named(&self, _: &str) -> Option<f64> {
         None
     }
 }

@@ -7,8 +7,9 @@ use path::geometry::AxisVector;
 
 use crate::error::ProgramError;
 use crate::execution::Execution;
-use crate::program::{Note, ProgramEnd, Setup};
-use crate::reading::{PIECE_ELEMENTS, Piece, Reading};
+use crate::interpreter::Counts;
+use crate::program::{Note, Piece, ProgramEnd, Setup};
+use crate::reading::{PIECE_ELEMENTS, Reading};
 
 /// So many lines make a piece.
 const PIECE_LINES: usize = 1_000;
@@ -57,33 +58,36 @@ pub fn check_file(
     let mut bounds = None;
     let mut ended = false;
     while !ended {
-        let enough = execution.interpreter.elements_made() + PIECE_ELEMENTS;
+        let enough = execution.interpreter.output.elements_made() + PIECE_ELEMENTS;
         for _ in 0..PIECE_LINES {
             lines += 1;
             ended = checks_line(&mut execution);
-            if ended || execution.interpreter.elements_made() >= enough {
+            if ended || execution.interpreter.output.elements_made() >= enough {
                 break;
             }
         }
         if execution.is_sound() {
-            let piece = &mut execution.interpreter.output().piece;
+            let piece = &mut execution.interpreter.output.piece;
             for element in &piece.elements {
                 length_mm += element.length_mm;
                 widen(&mut bounds, element.bounds());
             }
             sink(piece);
         }
-        let piece = &mut execution.interpreter.output().piece;
+        let piece = &mut execution.interpreter.output.piece;
         piece.elements.clear();
         piece.events.clear();
         piece.messages.clear();
     }
     execution.finish(&name)?;
     execution.interpreter.note_open();
-    let notes = execution.interpreter.notes();
     let end = execution.end();
-    let output = execution.interpreter.output();
-    let [elements, events, messages] = output.counted();
+    let output = execution.interpreter.output;
+    let Counts {
+        elements,
+        events,
+        messages,
+    } = output.counts;
     Ok(Summary {
         source_hash,
         lines,
@@ -94,15 +98,14 @@ pub fn check_file(
         arc_feeds: output.arc_feeds,
         length_mm,
         bounds,
-        notes,
+        notes: output.notes.by_line(),
         end,
     })
 }
 
 /// Does a line; true if it is the last.
 fn checks_line(execution: &mut Execution) -> bool {
-    let output = execution.interpreter.output();
-    output.begin_block();
+    execution.interpreter.output.begin_block();
     let ends = execution.checks_line();
     execution.check_made();
     ends

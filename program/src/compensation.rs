@@ -24,6 +24,7 @@ use path::geometry::AxisVector;
 use serde::{Deserialize, Serialize};
 
 use crate::flat::{Flat, sweep_rad};
+use crate::refusal::{Refusal, wrong};
 
 /// Directions that differ by less count as one: the interpreter's `TOLERANCE_CONCAVE_CORNER`.
 const TANGENT_RAD: f64 = 0.05;
@@ -93,27 +94,12 @@ pub struct Move<T> {
 }
 
 /// What comes out, in order.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub enum Step<T, E> {
     /// The tool's centre moves.
     Move(Move<T>),
     /// Something that was pushed between moves.
     Event(E),
-}
-
-/// Why the tool cannot follow the contour: what was found, and what would be right.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Gouge {
-    /// What was found.
-    pub found: String,
-    /// What would be right.
-    pub right: &'static str,
-}
-
-impl Gouge {
-    fn new(found: String, right: &'static str) -> Self {
-        Self { found, right }
-    }
 }
 
 /// What a compensation is started with.
@@ -150,13 +136,6 @@ impl Start {
     }
 }
 
-/// A move that is known but for its end.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-enum Waiting<T, E> {
-    Move(Move<T>),
-    Event(E),
-}
-
 /// The last move in the plane, whose end may still be drawn back.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 struct Last {
@@ -190,7 +169,7 @@ pub struct Compensation<T, E> {
     #[serde(with = "crate::snapshot::vector")]
     centre: AxisVector,
     last: Option<Last>,
-    waiting: Vec<Waiting<T, E>>,
+    waiting: Vec<Step<T, E>>,
 }
 
 impl<T: Clone, E> Compensation<T, E> {
@@ -226,7 +205,7 @@ impl<T: Clone, E> Compensation<T, E> {
     }
 
     /// Takes the next programmed move; what is final by it goes to `out`.
-    pub fn push(&mut self, next: Move<T>, out: &mut Vec<Step<T, E>>) -> Result<(), Gouge> {
+    pub fn push(&mut self, next: Move<T>, out: &mut Vec<Step<T, E>>) -> Result<(), Refusal> {
         let (from, to) = (
             Flat::of(&self.programmed, self.plane),
             Flat::of(&next.to, self.plane),
@@ -251,13 +230,13 @@ impl<T: Clone, E> Compensation<T, E> {
         if self.waiting.is_empty() {
             out.push(Step::Event(event));
         } else {
-            self.waiting.push(Waiting::Event(event));
+            self.waiting.push(Step::Event(event));
         }
     }
 
     /// Ends the compensation (G40): what still waits goes to `out`. Gives the programmed place, which the program goes on
     /// from, while the tool stands where the last move of `out` ends.
-    pub fn finish(mut self, out: &mut Vec<Step<T, E>>) -> Result<AxisVector, Gouge> {
+    pub fn finish(mut self, out: &mut Vec<Step<T, E>>) -> Result<AxisVector, Refusal> {
         if let Some(last) = self.last {
             self.settle(&last, Flat::of(&self.centre, self.plane), true)?;
         }
@@ -265,12 +244,12 @@ impl<T: Clone, E> Compensation<T, E> {
         Ok(self.programmed)
     }
 
-    fn wait(&mut self, waiting: Waiting<T, E>) -> Result<(), Gouge> {
+    fn wait(&mut self, waiting: Step<T, E>) -> Result<(), Refusal> {
         if self.waiting.len() >= WAITING_MAX {
             let found =
                 format!("more than {WAITING_MAX} moves and events without motion in the plane");
             let right = "end the compensation (G40) before such a stretch";
-            return Err(Gouge::new(found, right));
+            return wrong(found, right);
         }
         self.waiting.push(waiting);
         Ok(())
@@ -280,8 +259,8 @@ impl<T: Clone, E> Compensation<T, E> {
     fn release(&mut self, end: Option<Flat>, out: &mut Vec<Step<T, E>>) {
         let waiting = std::mem::take(&mut self.waiting);
         out.extend(waiting.into_iter().map(|waiting| match waiting {
-            Waiting::Event(event) => Step::Event(event),
-            Waiting::Move(mut step) => {
+            Step::Event(event) => Step::Event(event),
+            Step::Move(mut step) => {
                 if let Some(end) = end {
                     step.to = end.put_into(step.to, self.plane);
                 }
@@ -314,14 +293,14 @@ impl<T: Clone, E> Compensation<T, E> {
     }
 
     /// Judges the last move with this end: that it does not run back, which would cut into the contour.
-    fn settle(&self, last: &Last, end: Flat, strict: bool) -> Result<(), Gouge> {
+    fn settle(&self, last: &Last, end: Flat, strict: bool) -> Result<(), Refusal> {
         let does_not_fit = || {
             let found = format!(
                 "the tool radius {} mm does not fit the inside corner before this block",
                 shown(self.radius_mm)
             );
             let right = "a smaller tool, or a contour whose inside corners and curves are wider than the tool";
-            Err(Gouge::new(found, right))
+            wrong(found, right)
         };
         match last.way {
             Way::Arc {
@@ -357,7 +336,7 @@ impl<T: Clone, E> Compensation<T, E> {
     }
 
     /// Refuses numbers whose products would overflow.
-    fn check_range(&self, next: &Move<T>) -> Result<(), Gouge> {
+    fn check_range(&self, next: &Move<T>) -> Result<(), Refusal> {
         let centre = match next.way {
             Way::Arc { centre, .. } => centre,
             _ => Flat::default(),
@@ -370,7 +349,7 @@ impl<T: Clone, E> Compensation<T, E> {
             return Ok(());
         }
         let right = "coordinates must stay in the range of ordinary numbers";
-        Err(Gouge::new("a place beyond all machines".into(), right))
+        wrong("a place beyond all machines", right)
     }
 
     /// How far a line runs back if it ends here; 0 if it goes forward.

@@ -4,6 +4,7 @@
 use path::geometry::AxisVector;
 use serde::{Deserialize, Serialize};
 
+use crate::codes::g_codes;
 use crate::words::mask_of;
 
 #[cfg(test)]
@@ -19,31 +20,32 @@ const DEPTH_ROUNDING_MM: f64 = 1e-6;
 /// The most pecks of one hole.
 pub const PECKS_MAX: f64 = 10_000.0;
 
-/// Which cycle.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Cycle {
-    /// G73: in pecks of Q, backing off a little after each to break the chip.
-    ChipBreak,
-    /// G74: left-hand tapping.
-    TapLeft,
-    /// G81: down at feed, up in rapid.
-    Drill,
-    /// G82: the same with a wait at the bottom.
-    DrillAndDwell,
-    /// G83: in pecks of Q, out of the hole after each.
-    Peck,
-    /// G84: right-hand tapping.
-    TapRight,
-    /// G85: down and up at feed.
-    Bore,
-    /// G86: down at feed, spindle stopped, up in rapid.
-    BoreAndStop,
-    /// G87: through the hole beside its axis, then upwards at feed from below.
-    BackBore,
-    /// G88: down at feed, spindle and program stopped; the operator draws the tool back.
-    BoreByHand,
-    /// G89: down at feed, a wait, up at feed.
-    BoreAndDwell,
+g_codes! {
+    /// Which cycle.
+    pub enum Cycle {
+        /// G73: in pecks of Q, backing off a little after each to break the chip.
+        ChipBreak = 730,
+        /// G74: left-hand tapping.
+        TapLeft = 740,
+        /// G81: down at feed, up in rapid.
+        Drill = 810,
+        /// G82: the same with a wait at the bottom.
+        DrillAndDwell = 820,
+        /// G83: in pecks of Q, out of the hole after each.
+        Peck = 830,
+        /// G84: right-hand tapping.
+        TapRight = 840,
+        /// G85: down and up at feed.
+        Bore = 850,
+        /// G86: down at feed, spindle stopped, up in rapid.
+        BoreAndStop = 860,
+        /// G87: through the hole beside its axis, then upwards at feed from below.
+        BackBore = 870,
+        /// G88: down at feed, spindle and program stopped; the operator draws the tool back.
+        BoreByHand = 880,
+        /// G89: down at feed, a wait, up at feed.
+        BoreAndDwell = 890,
+    }
 }
 
 /// Which word P of a cycle is.
@@ -77,41 +79,6 @@ impl Turning {
 }
 
 impl Cycle {
-    /// The cycle of a code, given ten times its number.
-    pub fn of_code(number: u32) -> Option<Self> {
-        Some(match number {
-            730 => Cycle::ChipBreak,
-            740 => Cycle::TapLeft,
-            810 => Cycle::Drill,
-            820 => Cycle::DrillAndDwell,
-            830 => Cycle::Peck,
-            840 => Cycle::TapRight,
-            850 => Cycle::Bore,
-            860 => Cycle::BoreAndStop,
-            870 => Cycle::BackBore,
-            880 => Cycle::BoreByHand,
-            890 => Cycle::BoreAndDwell,
-            _ => return None,
-        })
-    }
-
-    /// Its code.
-    pub fn code(self) -> &'static str {
-        match self {
-            Cycle::ChipBreak => "G73",
-            Cycle::TapLeft => "G74",
-            Cycle::Drill => "G81",
-            Cycle::DrillAndDwell => "G82",
-            Cycle::Peck => "G83",
-            Cycle::TapRight => "G84",
-            Cycle::Bore => "G85",
-            Cycle::BoreAndStop => "G86",
-            Cycle::BackBore => "G87",
-            Cycle::BoreByHand => "G88",
-            Cycle::BoreAndDwell => "G89",
-        }
-    }
-
     /// The letters that its blocks make use of beside those of the axes, as bits.
     pub fn letters(self) -> u32 {
         let wait = match self.wait() {

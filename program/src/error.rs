@@ -3,6 +3,8 @@
 use path::pivot::OutOfReach;
 use serde::{Deserialize, Serialize};
 
+use crate::refusal::Refusal;
+
 /// The most problems reported at once; the rest is usually their echo.
 pub const PROBLEMS_MAX: usize = 20;
 
@@ -58,12 +60,22 @@ pub enum ResumeError {
 impl ProgramError {
     /// One problem of the file as a whole.
     pub(crate) fn of_file(name: &str, found: impl Into<String>, right: impl Into<String>) -> Self {
+        Self::at(name, None, Refusal::new(0, found, right))
+    }
+
+    /// What is wrong with a text as a whole.
+    pub(crate) fn of_text(name: &str, refusal: Refusal) -> Self {
+        Self::at(name, None, refusal)
+    }
+
+    /// What is wrong at a line and column, or with the whole.
+    pub(crate) fn at(name: &str, place: Option<(u32, u32)>, refusal: Refusal) -> Self {
         let problem = Problem {
             file: None,
             shown: None,
-            place: None,
-            found: found.into(),
-            right: right.into(),
+            place,
+            found: refusal.found,
+            right: refusal.right,
         };
         Self {
             name: name.to_owned(),
@@ -86,6 +98,15 @@ impl ProgramError {
         }
         lines.join("\n")
     }
+}
+
+/// Refuses a program for what is wrong with it as a whole.
+pub(crate) fn refuse_file<T>(
+    name: &str,
+    found: impl Into<String>,
+    right: impl Into<String>,
+) -> Result<T, ProgramError> {
+    Err(ProgramError::of_file(name, found, right))
 }
 
 impl Problem {

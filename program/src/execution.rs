@@ -5,22 +5,21 @@ use std::sync::Arc;
 
 use path::geometry::{AxisVector, Path};
 
-use crate::error::{PROBLEMS_MAX, Problem, ProgramError, Shown};
+use crate::error::{PROBLEMS_MAX, Problem, ProgramError, Shown, refuse_file};
 use crate::flow::{FlowWord, Keyword};
 use crate::interpreter::{Interpreter, is_turning};
-use crate::program::{Block, Program, ProgramEnd, Setup, check_setup, source_hash};
+use crate::program::{BLOCKS_MAX, Block, Program, ProgramEnd, Setup, source_hash};
 use crate::question::Answer;
-use crate::reader::{Line, column, read_line};
+use crate::reader::{Line, read_line};
+use crate::refusal::{Refusal, column};
+use crate::setup::check_setup;
 use crate::source::{Label, Source, Spot, may_jump};
 use crate::straight::Straight;
-use crate::text::{Text, TextError, hash_of};
-use crate::words::{Group, Refusal, Words};
+use crate::text::{Text, hash_of};
+use crate::words::{Group, Words};
 
 mod profile;
 mod steps;
-
-/// The most blocks of one program that is interpreted as a whole; their geometry fits the memory of a small PC (about 1 GB).
-pub const BLOCKS_MAX: usize = 2_000_000;
 
 /// So many blocks in a row that make nothing are a loop that does not end.
 const IDLE_BLOCKS_MAX: u64 = 2_000_000;
@@ -107,10 +106,6 @@ fn blocks_of(mut source: Source, executed: &[bool]) -> Vec<Block> {
 }
 
 /// A line that cannot be read, as a refusal of a word that leads there.
-fn refused_text(offset: usize, error: TextError) -> Refusal {
-    Refusal::new(offset, error.found, error.right)
-}
-
 /// The lines that were done at least once.
 #[derive(Debug, Clone, Default)]
 struct Executed {
@@ -135,7 +130,7 @@ impl Executed {
 }
 
 /// What is known of a program while it is executed.
-#[derive(Debug, Clone, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub struct Execution {
     #[serde(skip)]
     source: Source,
@@ -183,28 +178,12 @@ impl Execution {
         Self {
             source,
             interpreter: Interpreter::new(setup, start),
-            next: Spot::default(),
-            here: Spot::default(),
-            within: Spot::default(),
-            not_yet: false,
-            looks_bit_by_bit: false,
-            needs_labels: false,
-            executed: None,
-            last_line: 0,
-            idle: (0, 0),
-            problems: Vec::new(),
-            more: false,
-            end: ProgramEnd::FileEnd,
-            opened_by_percent: false,
-            raw: String::new(),
-            line: None,
-            words: None,
-            straight: Box::default(),
+            ..Self::default()
         }
     }
 
     /// Takes what a snapshot leaves out from a fresh one of the same program.
-    pub fn complete(&mut self, fresh: &Self) -> Result<(), TextError> {
+    pub fn complete(&mut self, fresh: &Self) -> Result<(), Refusal> {
         self.source = fresh.source.clone();
         self.interpreter.complete(&fresh.interpreter);
         self.looks_bit_by_bit = fresh.looks_bit_by_bit;
@@ -247,11 +226,8 @@ impl Execution {
         match self.source.line(at) {
             Ok(Some((line, _))) if Source::begins_file(line, at) => self.end_of_file(),
             Ok(Some(_)) if at.line >= LINES_MAX => {
-                self.refuse_line(
-                    at,
-                    format!("more than {LINES_MAX} lines"),
-                    "split the program",
-                );
+                let found = format!("more than {LINES_MAX} lines");
+                self.refuse_line(at, found, "split the program");
             }
             Ok(Some((line, behind))) => {
                 self.raw.clear();
@@ -267,7 +243,7 @@ impl Execution {
                 return ends;
             }
             Ok(None) => self.end_of_file(),
-            Err(error) => self.refuse(at, vec![refused_text(error.offset, error)]),
+            Err(error) => self.refuse(at, error),
         }
         true
     }
@@ -321,7 +297,7 @@ impl Execution {
     /// The answer to what the line that was done last asks.
     pub fn answer(&mut self, name: &str, answer: Answer) -> Result<(), ProgramError> {
         if let Err(refusal) = self.interpreter.answer(answer) {
-            self.refuse(self.here, vec![refusal]);
+            self.refuse(self.here, refusal);
         }
         self.refused(name)
     }
@@ -330,11 +306,8 @@ impl Execution {
     pub fn finish(&mut self, name: &str) -> Result<(), ProgramError> {
         self.refused(name)?;
         if self.last_line == 0 {
-            return Err(ProgramError::of_file(
-                name,
-                "has no blocks",
-                "a program has at least one, such as M2",
-            ));
+            let right = "a program has at least one, such as M2";
+            return refuse_file(name, "has no blocks", right);
         }
         if self.end == ProgramEnd::FileEnd {
             self.interpreter.note(
@@ -364,8 +337,7 @@ impl Execution {
         if let Err(unreadable) = read_line(raw, &self.interpreter, line) {
             // Values that nobody knows make no mistakes.
             if known || !raw.contains(['#', '[']) {
-                let refusal = Refusal::new(unreadable.offset, unreadable.found, unreadable.right);
-                self.refuse(self.here, vec![refusal]);
+                self.refuse(self.here, unreadable);
             }
             return false;
         }
@@ -397,9 +369,7 @@ impl Execution {
         }
         let result = match &line.flow {
             _ if self.interpreter.ended.is_some() => Ok(()),
-            Some(flow) if known => self
-                .flow(index, flow, not_yet)
-                .map_err(|refusal| vec![refusal]),
+            Some(flow) if known => self.flow(index, flow, not_yet).map_err(Vec::from),
             Some(_) => Ok(()),
             None if line.words.is_empty() => Ok(()),
             None => self.block(index, line),
@@ -442,24 +412,25 @@ impl Execution {
         let result = self
             .interpreter
             .run_block(index as u32 + 1, line, &mut words);
-        let called = match (&result, words.code(Group::Stop)) {
-            (Ok(()), Some((980 | 990, word))) if self.interpreter.state_known => {
-                self.call_by_number(index, &words, word)
-            }
-            _ => Ok(()),
-        };
-        let turned = match (&result, words.code(Group::Motion)) {
-            (Ok(()), Some((number, word)))
-                if is_turning(number) && self.interpreter.state_known =>
-            {
-                self.turning_cycle(index, &words, word)
-            }
-            _ => Ok(()),
-        };
+        let result = result.and_then(|()| self.goes_elsewhere(index, &words));
         self.words = Some(words);
         result
-            .and(turned)
-            .and(called.map_err(|refusal| vec![refusal]))
+    }
+
+    /// What a block does that goes on in other lines: M98, M99, and G70 to G72.
+    fn goes_elsewhere(&mut self, index: usize, words: &Words) -> Result<(), Vec<Refusal>> {
+        if !self.interpreter.state_known {
+            return Ok(());
+        }
+        if let Some((number, word)) = words.code(Group::Motion)
+            && is_turning(number)
+        {
+            self.turning_cycle(index, words, word)?;
+        }
+        if let Some((980 | 990, word)) = words.code(Group::Stop) {
+            self.call_by_number(index, words, word)?;
+        }
+        Ok(())
     }
 
     /// Keeps that a line was done; false if there are too many.
@@ -471,7 +442,7 @@ impl Execution {
 
     /// Refuses a program that goes on for ever without making anything.
     fn watch(&mut self) {
-        let made = self.interpreter.made();
+        let made = self.interpreter.output.made();
         if made != self.idle.1 {
             self.idle = (0, made);
             return;
@@ -502,7 +473,7 @@ impl Execution {
             self.end = ProgramEnd::Percent(index as u32 + 1);
         } else {
             let right = "% ends only a program that also began with %";
-            self.refuse_line(self.here, "% between blocks".into(), right);
+            self.refuse_line(self.here, "% between blocks", right);
         }
         true
     }
@@ -530,11 +501,8 @@ impl Execution {
             && let Some(frame) = self.interpreter.frames.called()
         {
             let found = format!("the file ends inside {}", frame.shown());
-            self.refuse_line(
-                within,
-                found,
-                "a subroutine ends with endsub, return or M99",
-            );
+            let right = "a subroutine ends with endsub, return or M99";
+            self.refuse_line(within, found, right);
         }
         self.end_contour(within);
     }
@@ -548,8 +516,8 @@ impl Execution {
         }
     }
 
-    fn refuse_line(&mut self, at: Spot, found: String, right: &str) {
-        self.refuse(at, vec![Refusal::new(0, found, right)]);
+    fn refuse_line(&mut self, at: Spot, found: impl Into<String>, right: impl Into<String>) {
+        self.refuse(at, Refusal::new(0, found, right));
     }
 
     /// Refuses what the line that was done asks the machine.
@@ -558,18 +526,17 @@ impl Execution {
             return;
         };
         let right = "only a run has an answer";
-        self.refuse_line(self.here, "a question to the machine".into(), right);
+        self.refuse_line(self.here, "a question to the machine", right);
         if let Err(refusal) = self.interpreter.answer(question.assumed()) {
-            self.refuse(self.here, vec![refusal]);
+            self.refuse(self.here, refusal);
         }
     }
 
     /// Refuses the line that was done if it made elements that are not finite.
     pub fn check_made(&mut self) {
-        if std::mem::take(&mut self.interpreter.output().is_infinite) {
-            let found = "a path that is not finite".to_owned();
+        if std::mem::take(&mut self.interpreter.output.is_infinite) {
             let right = "coordinates must stay in the range of ordinary numbers";
-            self.refuse_line(self.here, found, right);
+            self.refuse_line(self.here, "a path that is not finite", right);
         }
     }
 
@@ -583,16 +550,16 @@ impl Execution {
         match self.source.line(at) {
             Ok(Some((line, behind))) => Ok((line.to_owned(), behind)),
             Ok(None) => Ok((String::new(), at)),
-            Err(error) => Err(refused_text(error.offset, error)),
+            Err(error) => Err(error),
         }
     }
 
     /// Keeps what a line was refused for, once for each place.
-    fn refuse(&mut self, at: Spot, refusals: Vec<Refusal>) {
+    fn refuse(&mut self, at: Spot, refusals: impl Into<Vec<Refusal>>) {
         let raw = self.raw_line(at).map_or(String::new(), |(raw, _)| raw);
         let (file, line) = self.source.place(at.line as u32 + 1);
         let file = file.map(str::to_owned);
-        for refusal in refusals {
+        for refusal in refusals.into() {
             self.interpreter.state_known &= refusal.state_stays_known;
             let place = Some((line, column(&raw, refusal.offset)));
             let is_told = |told: &&Problem| told.place == place && told.file == file;
@@ -640,7 +607,7 @@ impl Execution {
         refusal: impl FnOnce() -> Refusal,
     ) -> Result<Label, Refusal> {
         let found = self.source.next(&flow.label, from, keywords);
-        let found = found.map_err(|error| refused_text(flow.offset, error))?;
+        let found = found.map_err(|error| error.at(flow.offset))?;
         found.ok_or_else(refusal)
     }
 }

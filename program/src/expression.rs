@@ -5,9 +5,9 @@
 
 use std::f64::consts::PI;
 
+use crate::number::{self, NUMBER_MAX};
 use crate::parameters::check_settable;
-use crate::reader::{Unreadable, shown};
-use crate::straight;
+use crate::refusal::{Refusal, refuse, shown};
 
 /// Expressions may be nested this deep.
 const DEPTH_MAX: u32 = 32;
@@ -15,8 +15,6 @@ const DEPTH_MAX: u32 = 32;
 const EQUAL_WITHIN: f64 = 1e-4;
 /// A parameter's number may be off a whole number by as much.
 const WHOLE_WITHIN: f64 = 1e-4;
-/// The largest number a word may have, in whatever unit; far beyond any machine, far within exact arithmetic.
-const NUMBER_MAX: f64 = 1e9;
 
 /// Where parameters have their values.
 pub trait Lookup {
@@ -24,14 +22,14 @@ pub trait Lookup {
     ///
     /// # Errors
     /// Why there is none, and what would be right.
-    fn numbered(&self, number: u32) -> Result<f64, (String, String)>;
+    fn numbered(&self, number: u32) -> Result<f64, Refusal>;
     /// The value of `#<name>`, if it is defined; lower case, without blanks.
     fn named(&self, name: &str) -> Option<f64>;
     /// Refuses a parameter that a program cannot set.
     ///
     /// # Errors
     /// What was found, and what would be right.
-    fn check_settable(&self, target: &Target) -> Result<(), (String, String)> {
+    fn check_settable(&self, target: &Target) -> Result<(), Refusal> {
         match target {
             Target::Numbered(number) => check_settable(*number),
             Target::Named(_) => Ok(()),
@@ -111,29 +109,21 @@ impl<'a> Cursor<'a> {
         true
     }
 
-    fn error<T>(&self, found: impl Into<String>, right: &str) -> Result<T, Unreadable> {
-        self.error_at(self.offset, found, right)
+    /// Refuses what stands at the cursor.
+    fn unexpected<T>(&self, right: &str) -> Result<T, Refusal> {
+        self.error(shown(self.text, self.offset), right)
     }
 
-    fn error_at<T>(
-        &self,
-        offset: usize,
-        found: impl Into<String>,
-        right: &str,
-    ) -> Result<T, Unreadable> {
-        Err(Unreadable {
-            offset,
-            found: found.into(),
-            right: right.to_owned(),
-        })
+    fn error<T>(&self, found: impl Into<String>, right: &str) -> Result<T, Refusal> {
+        refuse(self.offset, found, right)
     }
 
     /// A value after a letter: a number, a parameter, an expression or a function, each with a sign before it or without.
-    pub fn value(&mut self, lookup: &impl Lookup) -> Result<f64, Unreadable> {
+    pub fn value(&mut self, lookup: &impl Lookup) -> Result<f64, Refusal> {
         self.value_at(lookup, 0)
     }
 
-    fn value_at(&mut self, lookup: &impl Lookup, depth: u32) -> Result<f64, Unreadable> {
+    fn value_at(&mut self, lookup: &impl Lookup, depth: u32) -> Result<f64, Refusal> {
         if depth > DEPTH_MAX {
             return self.error("an expression nested too deep", "at most 32 levels");
         }
@@ -151,7 +141,7 @@ impl<'a> Cursor<'a> {
                 }
                 self.offset = at;
                 if matches!(self.peek(), b'+' | b'-') {
-                    return self.error(shown(self.text, self.offset), "one sign before a value");
+                    return self.unexpected("one sign before a value");
                 }
                 let value = self.value_at(lookup, depth + 1)?;
                 Ok(if sign == b'-' { -value } else { value })
@@ -162,9 +152,9 @@ impl<'a> Cursor<'a> {
     }
 
     /// A plain number.
-    fn number(&mut self) -> Result<f64, Unreadable> {
+    fn number(&mut self) -> Result<f64, Refusal> {
         let start = self.offset;
-        if let Some((value, end)) = straight::number(self.text.as_bytes(), start) {
+        if let Some((value, end)) = number::number(self.text.as_bytes(), start) {
             self.offset = end;
             return Ok(value);
         }
@@ -192,7 +182,7 @@ impl<'a> Cursor<'a> {
             return self.error(shown(self.text, start), right);
         }
         if self.byte(last) == b'.' {
-            return self.error_at(last, "a second point", "a number has one point");
+            return refuse(last, "a second point", "a number has one point");
         }
         let text = self.text.get(start..last).unwrap_or_default();
         let value = if signs + digits + points < last - start {
@@ -204,7 +194,7 @@ impl<'a> Cursor<'a> {
         self.offset = last;
         match value {
             Ok(value) if value.abs() <= NUMBER_MAX => Ok(value),
-            _ => self.error_at(
+            _ => refuse(
                 start,
                 format!("a number of {} characters", last - start),
                 "at most 1e9",
@@ -213,11 +203,11 @@ impl<'a> Cursor<'a> {
     }
 
     /// The parameter that `#…` names.
-    pub fn target(&mut self, lookup: &impl Lookup) -> Result<Target, Unreadable> {
+    pub fn target(&mut self, lookup: &impl Lookup) -> Result<Target, Refusal> {
         self.target_at(lookup, 0)
     }
 
-    fn target_at(&mut self, lookup: &impl Lookup, depth: u32) -> Result<Target, Unreadable> {
+    fn target_at(&mut self, lookup: &impl Lookup, depth: u32) -> Result<Target, Refusal> {
         let start = self.offset;
         self.offset += 1;
         if self.next_byte() == b'<' {
@@ -227,17 +217,14 @@ impl<'a> Cursor<'a> {
         let whole = number.round();
         if (number - whole).abs() > WHOLE_WITHIN || !(1.0..=5602.0).contains(&whole) {
             let found = format!("parameter #{number}");
-            return self.error_at(
-                start,
-                found,
-                "a whole number from 1 to 5602, or a name such as #<depth>",
-            );
+            let right = "a whole number from 1 to 5602, or a name such as #<depth>";
+            return refuse(start, found, right);
         }
         Ok(Target::Numbered(whole as u32))
     }
 
     /// `<name>`: lower case, without blanks.
-    pub fn name(&mut self) -> Result<String, Unreadable> {
+    pub fn name(&mut self) -> Result<String, Refusal> {
         let inside = self.text.get(self.offset + 1..).unwrap_or_default();
         let Some(length) = inside.find('>') else {
             return self.error("a name without >", "close the name: #<depth>");
@@ -256,12 +243,10 @@ impl<'a> Cursor<'a> {
         Ok(name)
     }
 
-    fn parameter(&mut self, lookup: &impl Lookup, depth: u32) -> Result<f64, Unreadable> {
+    fn parameter(&mut self, lookup: &impl Lookup, depth: u32) -> Result<f64, Refusal> {
         let start = self.offset;
         match self.target_at(lookup, depth)? {
-            Target::Numbered(number) => lookup
-                .numbered(number)
-                .or_else(|(found, right)| self.error_at(start, found, &right)),
+            Target::Numbered(number) => lookup.numbered(number).map_err(|wrong| wrong.at(start)),
             Target::Named(name) => lookup.named(&name).ok_or(()).or_else(|()| {
                 let found = format!("#<{name}> has no value");
                 let right = match name.split_once('[') {
@@ -273,37 +258,32 @@ impl<'a> Cursor<'a> {
                     }
                     _ => "set it before it is used; EXISTS[#<name>] asks whether it is set",
                 };
-                self.error_at(start, found, right)
+                refuse(start, found, right)
             }),
         }
     }
 
     /// `[…]`.
-    pub fn expression(&mut self, lookup: &impl Lookup) -> Result<f64, Unreadable> {
+    pub fn expression(&mut self, lookup: &impl Lookup) -> Result<f64, Refusal> {
         self.expression_at(lookup, 0)
     }
 
-    fn expression_at(&mut self, lookup: &impl Lookup, depth: u32) -> Result<f64, Unreadable> {
+    fn expression_at(&mut self, lookup: &impl Lookup, depth: u32) -> Result<f64, Refusal> {
         let start = self.offset;
         self.offset += 1;
         let value = self.operation(lookup, depth, 0)?;
         if !self.take(b']') {
             if self.peek() == 0 {
-                return self.error_at(start, "[ that is not closed", "close it with ]");
+                return refuse(start, "[ that is not closed", "close it with ]");
             }
             let right = "an operator (+ - * / ** MOD EQ NE GT GE LT LE AND OR XOR) or ]";
-            return self.error(shown(self.text, self.offset), right);
+            return self.unexpected(right);
         }
         Ok(value)
     }
 
     /// A chain of operators that bind tighter than `bound`.
-    fn operation(
-        &mut self,
-        lookup: &impl Lookup,
-        depth: u32,
-        bound: u32,
-    ) -> Result<f64, Unreadable> {
+    fn operation(&mut self, lookup: &impl Lookup, depth: u32, bound: u32) -> Result<f64, Refusal> {
         let mut left = self.value_at(lookup, depth)?;
         loop {
             self.skip_blanks();
@@ -319,13 +299,9 @@ impl<'a> Cursor<'a> {
             left = match operator.apply(left, right) {
                 Ok(value) if value.is_finite() => value,
                 Ok(_) => {
-                    return self.error_at(
-                        start,
-                        "a result that is no number",
-                        "values within range",
-                    );
+                    return refuse(start, "a result that is no number", "values within range");
                 }
-                Err(found) => return self.error_at(start, found, "values that have a result"),
+                Err(found) => return refuse(start, found, "values that have a result"),
             };
         }
     }
@@ -356,17 +332,14 @@ impl<'a> Cursor<'a> {
     }
 
     /// A function with its argument; ATAN has two.
-    fn function(&mut self, lookup: &impl Lookup, depth: u32) -> Result<f64, Unreadable> {
+    fn function(&mut self, lookup: &impl Lookup, depth: u32) -> Result<f64, Refusal> {
         let start = self.offset;
         let Some(function) = FUNCTIONS.iter().find(|function| self.take_word(function)) else {
             let right = "a number, #parameter, [expression] or one of the functions ABS ACOS ASIN ATAN COS EXP FIX FUP LN ROUND SIN SQRT TAN EXISTS";
             return self.error(shown(self.text, start), right);
         };
         if self.next_byte() != b'[' {
-            return self.error(
-                shown(self.text, self.offset),
-                "an argument in brackets, such as SIN[30]",
-            );
+            return self.unexpected("an argument in brackets, such as SIN[30]");
         }
         if *function == "exists" {
             return self.exists(lookup);
@@ -387,10 +360,7 @@ impl<'a> Cursor<'a> {
             "tan" => libm::tan(argument.to_radians()),
             _ => {
                 if !self.take(b'/') || self.next_byte() != b'[' {
-                    return self.error(
-                        shown(self.text, self.offset),
-                        "ATAN has two arguments: ATAN[1]/[2]",
-                    );
+                    return self.unexpected("ATAN has two arguments: ATAN[1]/[2]");
                 }
                 let second = self.expression_at(lookup, depth)?;
                 in_degrees(libm::atan2(argument, second))
@@ -398,11 +368,8 @@ impl<'a> Cursor<'a> {
         };
         if !value.is_finite() {
             let found = format!("{} of {argument}", function.to_uppercase());
-            return self.error_at(
-                start,
-                found,
-                "an argument for which the function has a value",
-            );
+            let right = "an argument for which the function has a value";
+            return refuse(start, found, right);
         }
         Ok(value)
     }
@@ -421,18 +388,18 @@ fn in_degrees(angle_rad: f64) -> f64 {
 
 impl Cursor<'_> {
     /// The argument of EXISTS: `[#<name>]`.
-    fn exists(&mut self, lookup: &impl Lookup) -> Result<f64, Unreadable> {
+    fn exists(&mut self, lookup: &impl Lookup) -> Result<f64, Refusal> {
         let right = "a parameter, such as EXISTS[#<depth>]";
         self.offset += 1;
         if self.next_byte() != b'#' {
-            return self.error(shown(self.text, self.offset), right);
+            return self.unexpected(right);
         }
         let exists = match self.target(lookup)? {
             Target::Numbered(number) => lookup.numbered(number).is_ok(),
             Target::Named(name) => lookup.named(&name).is_some(),
         };
         if !self.take(b']') {
-            return self.error(shown(self.text, self.offset), "]");
+            return self.unexpected("]");
         }
         Ok(f64::from(u8::from(exists)))
     }

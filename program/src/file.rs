@@ -5,25 +5,12 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::string::FromUtf8Error;
 
-use path::geometry::AxisVector;
-
-use crate::bundle::read_program;
-use crate::error::{Problem, ProgramError};
-use crate::execution::interpret;
-use crate::program::{Program, Setup};
-use crate::reader::column;
+use crate::error::{ProgramError, refuse_file};
+use crate::refusal::{Refusal, column};
 use crate::text::{Text, TextHash};
 
 /// The largest program file: 64 MiB, some two million blocks, days of machining.
 pub const FILE_BYTES_MAX: u64 = 64 << 20;
-
-/// Reads and interprets a program file, for a machine that is at `start` (machine coordinates).
-///
-/// What is no regular file, too large, not text or not a program is refused; a large file before it is read.
-pub fn load(file: &Path, setup: &Setup, start: AxisVector) -> Result<Program, ProgramError> {
-    let text = read_program(file, &[])?;
-    interpret(&file.display().to_string(), &text, setup, start)
-}
 
 /// Opens a program file; what is no regular file is refused.
 pub fn open_file(file: &Path) -> Result<File, ProgramError> {
@@ -32,18 +19,10 @@ pub fn open_file(file: &Path) -> Result<File, ProgramError> {
     // Before it is opened: opening a pipe would wait for its writer.
     let metadata = std::fs::metadata(file).map_err(unreadable)?;
     if metadata.is_dir() {
-        return Err(ProgramError::of_file(
-            name,
-            "is a directory",
-            "name the program file in it",
-        ));
+        return refuse_file(name, "is a directory", "name the program file in it");
     }
     if !metadata.is_file() {
-        return Err(ProgramError::of_file(
-            name,
-            "is not a regular file",
-            "name a program file",
-        ));
+        return refuse_file(name, "is not a regular file", "name a program file");
     }
     File::open(file).map_err(unreadable)
 }
@@ -81,11 +60,7 @@ pub fn read_text(file: &Path) -> Result<String, ProgramError> {
     }
     if let Some(offset) = bytes.iter().position(|&byte| byte == 0) {
         let found = format!("is a binary file (byte {offset} is zero)");
-        return Err(ProgramError::of_file(
-            name,
-            found,
-            "a program is plain text, UTF-8",
-        ));
+        return refuse_file(name, found, "a program is plain text, UTF-8");
     }
     let text = String::from_utf8(bytes).map_err(|error| not_text(name, error))?;
     // Editors on Windows put a byte order mark before UTF-8 text.
@@ -111,7 +86,7 @@ pub fn write_text_hash(file: &Path) -> Result<(), ProgramError> {
     let name = &file.display().to_string();
     let TextHash { bytes, xxh3 } = open_text(file)?
         .hash()
-        .map_err(|error| ProgramError::of_file(name, error.found, error.right))?;
+        .map_err(|error| ProgramError::of_text(name, error))?;
     let text = format!("{bytes} bytes, xxh3 {xxh3:016x}\n");
     std::fs::write(hash_file(file), text).map_err(|error| {
         let found = format!("its hash cannot be written beside it ({error})");
@@ -133,7 +108,7 @@ pub fn text_hash(file: &Path, text: &Text) -> Result<TextHash, ProgramError> {
     }
     let name = file.display().to_string();
     text.hash()
-        .map_err(|error| ProgramError::of_file(&name, error.found, error.right))
+        .map_err(|error| ProgramError::of_text(&name, error))
 }
 
 fn written_hash(file: &Path) -> Option<TextHash> {
@@ -159,24 +134,17 @@ fn not_text(name: &str, error: FromUtf8Error) -> ProgramError {
     let line = u32::try_from(valid.matches('\n').count()).unwrap_or(u32::MAX - 1) + 1;
     let last = valid.rsplit('\n').next().unwrap_or_default();
     let byte = rest.first().copied().unwrap_or_default();
-    let problem = Problem {
-        file: None,
-        shown: None,
-        place: Some((line, column(last, last.len()))),
-        found: format!("byte 0x{byte:02X} is not UTF-8 text"),
-        right: "save the program as plain text, UTF-8".to_owned(),
-    };
-    ProgramError {
-        name: name.to_owned(),
-        problems: vec![problem],
-        more: false,
-    }
+    let found = format!("byte 0x{byte:02X} is not UTF-8 text");
+    let refusal = Refusal::new(0, found, "save the program as plain text, UTF-8");
+    ProgramError::at(name, Some((line, column(last, last.len()))), refusal)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::program::AxisSetup;
+    use crate::{Program, Setup, load};
+    use path::geometry::AxisVector;
 
     fn load_bytes(bytes: &[u8]) -> Result<Program, ProgramError> {
         let folder = tempfile::tempdir().unwrap();

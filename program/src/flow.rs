@@ -1,7 +1,7 @@
 //! The words of program flow: O-words and their labels (LinuxCNC manual, *O Codes*).
 
 use crate::expression::{Cursor, Lookup};
-use crate::reader::{Unreadable, shown};
+use crate::refusal::{Refusal, refuse, shown};
 
 /// The most arguments of a call: they become #1 to #30.
 pub const ARGUMENTS_MAX: usize = 30;
@@ -83,35 +83,18 @@ pub fn shown_flow(label: &str, keyword: Keyword) -> String {
 }
 
 /// Reads the O-word at the cursor, up to its last value.
-pub fn read_flow_word(cursor: &mut Cursor, lookup: &impl Lookup) -> Result<FlowWord, Unreadable> {
+pub fn read_flow_word(cursor: &mut Cursor, lookup: &impl Lookup) -> Result<FlowWord, Refusal> {
     let offset = cursor.offset;
     cursor.offset += 1;
-    let label = match cursor.next_byte() {
-        b'<' => cursor.name()?,
-        _ => {
-            let at = cursor.offset;
-            let value = cursor.value(lookup).map_err(|mut unreadable| {
-                unreadable.right =
-                    "a label is a number or a name, such as O100 or O<pocket>".into();
-                unreadable
-            })?;
-            label_of(value).ok_or_else(|| Unreadable {
-                offset: at,
-                found: format!("O{value}"),
-                right: "a label is a whole number from 0, or a name such as O<pocket>".into(),
-            })?
-        }
-    };
+    let label = label(cursor, lookup)?;
     let keyword = keyword(cursor)?;
     let values = match keyword {
         Keyword::Call => arguments(cursor, lookup)?,
         Keyword::While | Keyword::If | Keyword::ElseIf | Keyword::Repeat => {
             if cursor.next_byte() != b'[' {
-                return Err(Unreadable {
-                    offset: cursor.offset,
-                    found: shown(cursor.text, cursor.offset),
-                    right: format!("{} takes a value in brackets", shown_flow(&label, keyword)),
-                });
+                let found = shown(cursor.text, cursor.offset);
+                let right = format!("{} takes a value in brackets", shown_flow(&label, keyword));
+                return refuse(cursor.offset, found, right);
             }
             vec![cursor.expression(lookup)?]
         }
@@ -128,6 +111,19 @@ pub fn read_flow_word(cursor: &mut Cursor, lookup: &impl Lookup) -> Result<FlowW
     })
 }
 
+fn label(cursor: &mut Cursor, lookup: &impl Lookup) -> Result<String, Refusal> {
+    if cursor.next_byte() == b'<' {
+        return cursor.name();
+    }
+    let at = cursor.offset;
+    let value = cursor.value(lookup).map_err(|unreadable| Refusal {
+        right: "a label is a number or a name, such as O100 or O<pocket>".into(),
+        ..unreadable
+    })?;
+    let right = "a label is a whole number from 0, or a name such as O<pocket>";
+    label_of(value).ok_or_else(|| Refusal::new(at, format!("O{value}"), right))
+}
+
 /// The text of a label that is a number.
 pub fn label_of(value: f64) -> Option<String> {
     if !(value >= 0.0 && value.fract() == 0.0) {
@@ -141,7 +137,7 @@ pub fn label_of(value: f64) -> Option<String> {
     })
 }
 
-fn keyword(cursor: &mut Cursor) -> Result<Keyword, Unreadable> {
+fn keyword(cursor: &mut Cursor) -> Result<Keyword, Refusal> {
     let start = {
         cursor.skip_blanks();
         cursor.offset
@@ -160,23 +156,19 @@ fn keyword(cursor: &mut Cursor) -> Result<Keyword, Unreadable> {
             Ok(keyword)
         }
         None if matches!(cursor.peek(), 0 | b'(' | b';') => Ok(Keyword::Number),
-        None => Err(Unreadable {
-            offset: start,
-            found: shown(cursor.text, start),
-            right: "one of sub endsub return call do while endwhile if elseif else endif break continue repeat endrepeat".into(),
-        }),
+        None => {
+            let right = "one of sub endsub return call do while endwhile if elseif else endif break continue repeat endrepeat";
+            refuse(start, shown(cursor.text, start), right)
+        }
     }
 }
 
-fn arguments(cursor: &mut Cursor, lookup: &impl Lookup) -> Result<Vec<f64>, Unreadable> {
+fn arguments(cursor: &mut Cursor, lookup: &impl Lookup) -> Result<Vec<f64>, Refusal> {
     let mut arguments = vec![];
     while cursor.next_byte() == b'[' {
         if arguments.len() == ARGUMENTS_MAX {
-            return Err(Unreadable {
-                offset: cursor.offset,
-                found: "one argument more".into(),
-                right: format!("a call has at most {ARGUMENTS_MAX} arguments"),
-            });
+            let right = format!("a call has at most {ARGUMENTS_MAX} arguments");
+            return refuse(cursor.offset, "one argument more", right);
         }
         arguments.push(cursor.expression(lookup)?);
     }
@@ -186,43 +178,37 @@ fn arguments(cursor: &mut Cursor, lookup: &impl Lookup) -> Result<Vec<f64>, Unre
 /// The label and keyword of a line, read without values: for finding where flow leads. None where the line holds none, or a label
 /// that is computed.
 pub fn flow_at(text: &str) -> Option<(String, Keyword)> {
-    let bytes = text.as_bytes();
-    let mut at = 0;
-    let blank = |at: usize| matches!(bytes.get(at), Some(b' ' | b'\t'));
-    let skip = |at: &mut usize| {
-        while blank(*at) {
-            *at += 1;
-        }
-    };
-    skip(&mut at);
-    if bytes.get(at) == Some(&b'/') {
-        at += 1;
-        skip(&mut at);
-    }
-    if matches!(bytes.get(at), Some(b'n' | b'N')) {
-        at += 1;
-        while matches!(bytes.get(at), Some(b' ' | b'\t' | b'0'..=b'9' | b'.')) {
-            at += 1;
+    let mut cursor = Cursor::new(text, 0);
+    cursor.take(b'/');
+    if cursor.take(b'n') {
+        while matches!(cursor.next_byte(), b'0'..=b'9' | b'.') {
+            cursor.offset += 1;
         }
     }
-    if !matches!(bytes.get(at), Some(b'o' | b'O')) {
+    if !cursor.take(b'o') || !matches!(cursor.next_byte(), b'<' | b'0'..=b'9') {
         return None;
     }
-    let mut cursor = Cursor::new(text, at + 1);
-    let label = match cursor.next_byte() {
-        b'<' => cursor.name().ok()?,
-        b'0'..=b'9' => label_of(cursor.value(&NoParameters).ok()?)?,
-        _ => return None,
-    };
+    let label = label(&mut cursor, &NoParameters).ok()?;
     Some((label, keyword(&mut cursor).ok()?))
 }
 
-/// No parameter has a value.
+/// The number of the subroutine that `M98 P…` of a line calls, read as [`flow_at`] reads labels.
+pub fn called_by_number(line: &str) -> Option<String> {
+    if !line.contains(['m', 'M']) {
+        return None;
+    }
+    let lower = line.to_ascii_lowercase();
+    let behind = lower.split_once("m98")?.1;
+    let at = line.len() - behind.len() + behind.find('p')? + 1;
+    label_of(Cursor::new(line, at).value(&NoParameters).ok()?)
+}
+
+/// No parameter has a value before anything runs.
 struct NoParameters;
 
 impl Lookup for NoParameters {
-    fn numbered(&self, number: u32) -> Result<f64, (String, String)> {
-        Err((format!("#{number}"), String::new()))
+    fn numbered(&self, number: u32) -> Result<f64, Refusal> {
+        refuse(0, format!("#{number}"), "")
     }
 
     fn named(&self, _: &str) -> Option<f64> {

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
 use crate::flow::{ARGUMENTS_MAX, Keyword, shown_flow};
-use crate::interpreter::SavedModes;
+use crate::interpreter::state::SavedModes;
 use crate::source::Spot;
 
 /// What a loop does at its end.

@@ -1,7 +1,6 @@
 //! The modal interpreter: blocks of words become path elements and events.
 
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use path::geometry::{
@@ -12,22 +11,25 @@ use machine::{KeptParameters, Tool, is_always_kept};
 
 use crate::arc::{ArcBlock, ArcTolerance, Circle};
 use crate::compensation::Compensation;
-use crate::cycles::{Cycle, CycleBlock, PECKS_MAX, Series, Step};
-use crate::execution::BLOCKS_MAX;
+use crate::cycles::{Cycle, Series};
 use crate::expression::{Lookup, Target};
 use crate::frames::{Frame, Frames};
 use crate::letters::AXIS_LETTERS;
+use crate::offsets::Offsets;
 use crate::parameters::{NUMBER_MAX, Parameters, acts_in_fanuc, base};
-use crate::program::{Event, EventKind, Message, Note, ProgramEnd, Setup};
+use crate::program::{EventKind, ProgramEnd, Setup};
 use crate::question::Question;
 use crate::reader::{CommentKind, Line};
+use crate::refusal::{Refusal, if_none, refuse};
 use crate::snapshot;
-use crate::words::{Group, Refusal, Words};
-use beside::{Carried, Happening};
-use offsets::Offsets;
-use splines::{Spline, SplineState};
-use straight::Axes;
-use threads::InStep;
+use crate::splines::{Spline, SplineState};
+use crate::straight::{Axes, TRAVEL_ROUNDING};
+use crate::surface::{FeedPerTurn, SurfaceSpeed};
+use crate::threading::InStep;
+use crate::words::{Group, Words};
+use state::{
+    Carried, FeedMode, FeedWord, Happening, InSpindle, ModalState, Motion, Spindle, plane_of_code,
+};
 
 mod arcs;
 mod beside;
@@ -43,6 +45,7 @@ mod path_mode;
 mod questions;
 mod say;
 mod splines;
+pub mod state;
 mod straight;
 mod surface;
 mod threads;
@@ -52,97 +55,17 @@ mod turning;
 mod use_of_words;
 
 pub use modal::Modal;
-pub use modes::{SavedModes, unknown_mode};
-pub use output::{Bound, Output};
-pub use surface::SurfaceSpeed;
+pub use output::{Bound, Counts, Output};
 pub use turning::is_turning;
 
 const MM_PER_INCH: f64 = 25.4;
 
-/// What a position may exceed the travel by and count as rounding: 1 nm.
-const TRAVEL_ROUNDING: f64 = 1e-6;
-
-/// The most elements of one path; an arc block makes up to two, a drilling block as many as it has moves.
-pub const ELEMENTS_MAX: u64 = 2 * BLOCKS_MAX as u64;
-
 /// What is said of a parameter that would act in Fanuc's language.
 const ACTS_IN_FANUC: &str = "a parameter that sets an output (#1100 to #1135), an offset (#2001 to #2999) or a counter of parts (#3901, #3902) in Fanuc's language: here it is the program's own and sets nothing";
 
-/// The most holes of one drilling block.
-const REPEATS_MAX: f64 = 10_000.0;
-
-/// The most turns of one arc.
-const TURNS_MAX: f64 = 10_000.0;
-
-/// Motion mode (modal group 1).
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Motion {
-    /// G80, and before the first motion word.
-    None,
-    Rapid,
-    Line,
-    Arc {
-        clockwise: bool,
-    },
-    /// G38.2 to G38.5: ten times its number.
-    Probe(u32),
-    Cycle(Cycle),
-    Spline(Spline),
-    InStep(InStep),
-}
-
-/// What F means.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-pub enum FeedMode {
-    /// G94: length per minute.
-    PerMinute,
-    /// G93: blocks per minute.
-    InverseTime,
-    /// G95: length per revolution of the spindle.
-    PerRevolution,
-}
-
-impl FeedMode {
-    /// Number of its code.
-    fn code(self) -> u32 {
-        match self {
-            FeedMode::InverseTime => 93,
-            FeedMode::PerMinute => 94,
-            FeedMode::PerRevolution => 95,
-        }
-    }
-}
-
-/// An F word: its value, and the length of its unit.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct FeedWord {
-    pub value: f64,
-    pub unit_mm: f64,
-}
-
-/// What is known of the spindle.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
-pub struct Spindle {
-    /// S: in rev/min, in G96 in m/min or feet/min.
-    pub speed: f64,
-    /// 1 clockwise, −1 counter-clockwise, 0 stopped.
-    pub direction: i32,
-}
-
-/// Which tool is where, and the length that is taken off it.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
-pub struct InSpindle {
-    /// T: the next one.
-    pub prepared: Option<u32>,
-    /// The one in the spindle; 0 for none.
-    pub number: u32,
-    /// The one whose offset is applied; 0 where it is none's.
-    pub offset_of: u32,
-}
-
 /// The state of a program at a block, and what it made so far. All that later blocks depend on is in here; a copy goes on from the
 /// same place.
-#[derive(Debug, Clone, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub struct Interpreter {
     #[serde(skip)]
     pub setup: Arc<Setup>,
@@ -151,32 +74,12 @@ pub struct Interpreter {
     #[serde(skip)]
     axes: Axes,
     motion: Motion,
-    /// Axis letters of the plane: first, second; with the offset letters that belong to them.
-    plane: (u32, [char; 2], [char; 2]),
-    inches: bool,
-    incremental: bool,
-    arc_absolute: bool,
-    /// X words are diameters (G7).
-    diameters: bool,
-    feed_mode: FeedMode,
-    feed: Option<FeedWord>,
-    spindle: Spindle,
-    /// G96.
-    surface: Option<SurfaceSpeed>,
-    coolant: [bool; 2],
-    /// M50.
-    feed_override: bool,
-    /// M51.
-    spindle_override: bool,
+    modes: ModalState,
     /// What drilling cycles in a row keep; none between them.
     series: Option<Series>,
     splines: SplineState,
-    returns_to_r: bool,
     /// G98 or G99 was said.
     return_was_said: bool,
-    path_control: u32,
-    /// P and Q of G64, in mm; none where nothing is said.
-    path_words: [Option<f64>; 2],
     /// The last motion was in G61.1.
     stops_exactly: bool,
     tool: InSpindle,
@@ -209,7 +112,7 @@ pub struct Interpreter {
     #[serde(skip)]
     pub line: u32,
     pub ended: Option<ProgramEnd>,
-    output: Output,
+    pub output: Output,
 }
 
 impl Interpreter {
@@ -222,44 +125,14 @@ impl Interpreter {
             setup: setup.clone(),
             rotary,
             axes: Axes::of(setup),
-            motion: Motion::None,
-            plane: (17, ['X', 'Y'], ['I', 'J']),
-            inches: false,
-            incremental: false,
-            arc_absolute: false,
-            diameters: false,
-            feed_mode: FeedMode::PerMinute,
-            feed: None,
-            spindle: Spindle::default(),
-            surface: None,
-            coolant: [false; 2],
-            feed_override: true,
-            spindle_override: true,
-            series: None,
-            splines: SplineState::default(),
-            returns_to_r: false,
-            return_was_said: false,
-            path_control: if setup.tolerance_mm > 0.0 { 640 } else { 610 },
-            path_words: [None; 2],
-            stops_exactly: false,
-            tool: InSpindle::default(),
             tools: Arc::new(setup.tools.clone()),
-            offsets: Offsets::default(),
             position: start,
-            stands: None,
-            beside: None,
-            parameters: Parameters::default(),
-            asked: None,
-            answers_taken: 0,
-            logs_probes: false,
-            returned: (0.0, false),
-            frames: Frames::default(),
             state_known: true,
-            told_outside: 0,
-            line: 0,
-            ended: None,
-            output: Output::default(),
+            ..Self::default()
         };
+        if setup.tolerance_mm > 0.0 {
+            interpreter.modes.path_control = 640;
+        }
         interpreter.set_first_offsets();
         interpreter.begin();
         interpreter
@@ -273,26 +146,6 @@ impl Interpreter {
         if self.tools == fresh.tools {
             self.tools = fresh.tools.clone();
         }
-    }
-
-    /// What was made so far, as a number that grows with it.
-    pub fn made(&self) -> u64 {
-        self.output.made()
-    }
-
-    /// Everything that was made, for whoever takes it away.
-    pub fn output(&mut self) -> &mut Output {
-        &mut self.output
-    }
-
-    /// The remarks so far.
-    pub fn notes(&self) -> Vec<Note> {
-        self.output.notes.by_line()
-    }
-
-    /// How many elements were made.
-    pub fn elements_made(&self) -> u64 {
-        self.output.elements_made()
     }
 
     /// Notes what a program left open at its end.
@@ -339,7 +192,7 @@ impl Interpreter {
 
     /// Program units to mm.
     fn unit_mm(&self) -> f64 {
-        if self.inches { MM_PER_INCH } else { 1.0 }
+        if self.modes.inches { MM_PER_INCH } else { 1.0 }
     }
 
     /// Does one block in the order of NIST §3.8 and LinuxCNC's manual (*Order of Execution*); its refusals, none if it is done.
@@ -359,19 +212,18 @@ impl Interpreter {
     }
 
     fn execute(&mut self, line: u32, words: &mut Words) -> Result<(), Vec<Refusal>> {
-        let one = |refusal| vec![refusal];
-        self.check_words_used(words).map_err(one)?;
-        self.check_beside(words).map_err(one)?;
-        self.feed_words(line, words).map_err(one)?;
-        self.machine_words(line, words).map_err(one)?;
-        if let Some(seconds) = self.dwell_seconds(line, words).map_err(one)?
+        self.check_words_used(words)?;
+        self.check_beside(words)?;
+        self.feed_words(line, words)?;
+        self.machine_words(line, words)?;
+        if let Some(seconds) = self.dwell_seconds(line, words)?
             && seconds > 0.0
         {
             self.happen(Happening::Dwell(line, seconds));
         }
-        self.modes(line, words).map_err(one)?;
+        self.modes(line, words)?;
         self.compensation_words(line, words)?;
-        self.tool_length(line, words).map_err(one)?;
+        self.tool_length(line, words)?;
         self.work_offset_words(words);
         self.once(line, words)?;
         self.follow_centre(line);

@@ -18,6 +18,9 @@
 //! `interpreter` does the block in the order of NIST §3.8 and LinuxCNC's manual (*Order of Execution*). All that later blocks depend
 //! on is in the interpreter, which can be copied. `cycles`, `splines`, `threading`, `compensation`, `roughing` and `polar` are pure.
 //!
+//! A module names only those below it: at the bottom `refusal`, the one way to say what was found and what would be right, and the types of
+//! `program`; then text, words, what words mean, execution; at the top `reading`, `check`, `resume` and what is built on them.
+//!
 //! The language is that of LinuxCNC 2.9; docs/reference/g-code.md and program-flow.md list its words. A program starts in G17 G21 G40
 //! G49 G54 G61 G90 G91.1 G94 G98 with no motion mode and no feed. `quadrant-lab linuxcnc` compares programs with what LinuxCNC's
 //! interpreter makes of them. Where this differs, or needs choosing:
@@ -71,6 +74,7 @@ mod along;
 mod arc;
 mod bundle;
 mod check;
+mod codes;
 mod compensation;
 mod cycles;
 mod error;
@@ -83,12 +87,15 @@ mod frames;
 mod interpreter;
 mod letters;
 mod modes;
+mod number;
+mod offsets;
 mod parameters;
 mod polar;
 mod program;
 mod question;
 mod reader;
 mod reading;
+mod refusal;
 mod resume;
 mod roughing;
 mod setup;
@@ -96,24 +103,29 @@ mod snapshot;
 mod source;
 mod splines;
 mod straight;
+mod surface;
 mod text;
 mod threading;
 mod words;
 mod work;
 
-pub use along::{Along, SHORT_ELEMENTS, load_if_short, load_if_short_knowing};
-pub use bundle::{bundle_to, read_program};
+pub use along::{Along, SHORT_ELEMENTS, load_if_short};
+pub use bundle::bundle_to;
 pub use check::{Summary, check_file};
-pub use error::{Problem, ProgramError, ResumeError, Shown};
-pub use execution::{BLOCKS_MAX, interpret};
-pub use file::{FILE_BYTES_MAX, load, read_text, write_text_hash};
-pub use interpreter::{Modal, SurfaceSpeed};
+pub use error::{ProgramError, ResumeError};
+pub use execution::interpret;
+pub use file::{FILE_BYTES_MAX, write_text_hash};
+pub use interpreter::Modal;
 pub use machine::{Tool, parse_tools};
 pub use modes::{Modes, modal_at_start};
 pub use parameters::Parameters;
-pub use program::{AxisSetup, Block, Event, EventKind, Message, Note, Program, ProgramEnd, Setup};
+pub use program::{
+    AxisSetup, BLOCKS_MAX, Block, Event, EventKind, Message, Note, Piece, Program, ProgramEnd,
+    Setup,
+};
 pub use question::{Answer, Question};
-pub use reading::{Piece, Progress, Reading};
-pub use resume::{load_from, resume_from, resume_knowing, tool_at};
-pub use setup::kinematics_of;
+pub use reading::{Progress, Reading};
+pub use resume::{load, load_from, resume_from};
+pub use setup::{kinematics_of, tool_at};
+pub use surface::SurfaceSpeed;
 pub use work::{commanded, ways_to_work, work_place};

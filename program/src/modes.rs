@@ -11,9 +11,9 @@ use crate::bundle::read_program;
 use crate::compensation::WAITING_MAX;
 use crate::error::ResumeError;
 use crate::interpreter::{Interpreter, Modal};
-use crate::program::Setup;
-use crate::reading::{Piece, Progress, Reading};
-use crate::resume::tool_at;
+use crate::program::{Piece, Setup};
+use crate::reading::{Progress, Reading};
+use crate::setup::tool_at;
 
 /// The state that the next program begins with.
 pub fn modal_at_start(machine: &Machine) -> Modal {

@@ -4,11 +4,10 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
+use crate::refusal::{Refusal, wrong};
+
 /// The highest number of a parameter.
 pub const NUMBER_MAX: u32 = 5602;
-
-/// The axis letters in the order of the parameters that hold positions.
-pub const POSITION_LETTERS: &str = "XYZABCUVW";
 
 /// The first number of each group of nine that hold a position.
 pub mod base {
@@ -98,7 +97,7 @@ fn in_fanuc(number: u32) -> Option<(&'static str, &'static str)> {
 }
 
 /// Refuses a number that is no parameter here, or means something else in Fanuc's language.
-fn not_foreign(number: u32) -> Result<(), (String, String)> {
+fn not_foreign(number: u32) -> Result<(), Refusal> {
     if is_known(number) {
         return Ok(());
     }
@@ -108,23 +107,20 @@ fn not_foreign(number: u32) -> Result<(), (String, String)> {
             true => "; one of your own is set before it is read",
             false => "",
         };
-        return Err((found, format!("{right}{set_first}")));
+        return wrong(found, format!("{right}{set_first}"));
     }
     if number <= OWN_MAX {
         return Ok(());
     }
     let right = "#1 to #5000 are the program's own, and above them there are #5061 to #5070, #5081 to #5089, #5161 to #5189, #5210 to #5390, #5399, #5400 to #5428 and #5599";
-    Err((
-        format!("#{number}, which is no parameter"),
-        right.to_owned(),
-    ))
+    wrong(format!("#{number}, which is no parameter"), right)
 }
 
 /// Refuses a parameter that a program cannot set.
 ///
 /// # Errors
 /// What was found, and what would be right.
-pub fn check_settable(number: u32) -> Result<(), (String, String)> {
+pub fn check_settable(number: u32) -> Result<(), Refusal> {
     let right = match number {
         5081..=5089 => "G43, G43.1, G43.2 and G49 set it",
         5400..=5413 => "M6 and M61 set it, G10 L1 the tool table",
@@ -132,7 +128,7 @@ pub fn check_settable(number: u32) -> Result<(), (String, String)> {
         _ if is_free(number) => return Ok(()),
         _ => return not_foreign(number),
     };
-    Err((format!("#{number}, which is read-only"), right.to_owned()))
+    wrong(format!("#{number}, which is read-only"), right)
 }
 
 /// Whether setting it switches or corrects something in Fanuc's language, and nothing here.
@@ -144,9 +140,9 @@ pub fn acts_in_fanuc(number: u32) -> bool {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Parameters {
     /// None of those that were never set.
-    #[serde(with = "crate::snapshot::numbered")]
+    #[serde(with = "numbered")]
     numbered: Arc<Vec<Option<f64>>>,
-    #[serde(with = "crate::snapshot::named")]
+    #[serde(with = "named")]
     global: Arc<BTreeMap<String, f64>>,
 }
 
@@ -176,7 +172,7 @@ impl Parameters {
     /// # Errors
     /// There is no such parameter, or it was never set and means something else in Fanuc's language: what was found, and what would
     /// be right.
-    pub fn read(&self, number: u32) -> Result<f64, (String, String)> {
+    pub fn read(&self, number: u32) -> Result<f64, Refusal> {
         match self.if_set(number) {
             Some(value) => Ok(value),
             None => not_foreign(number).map(|()| 0.0),
@@ -203,5 +199,59 @@ impl Parameters {
     /// Sets a global name.
     pub fn set_named(&mut self, name: String, value: f64) {
         Arc::make_mut(&mut self.global).insert(name, value);
+    }
+}
+
+/// Names and their values.
+mod named {
+    use std::collections::BTreeMap;
+    use std::sync::Arc;
+
+    use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+    type Named = BTreeMap<String, f64>;
+
+    /// Writes them.
+    pub fn serialize<S: Serializer>(named: &Arc<Named>, to: S) -> Result<S::Ok, S::Error> {
+        named.as_ref().serialize(to)
+    }
+
+    /// Reads them.
+    pub fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Arc<Named>, D::Error> {
+        Ok(Arc::new(Named::deserialize(from)?))
+    }
+}
+
+/// Numbered parameters, of which most were never set.
+mod numbered {
+    use std::sync::Arc;
+
+    use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+    /// Writes those that were set.
+    pub fn serialize<S: Serializer>(
+        values: &Arc<Vec<Option<f64>>>,
+        to: S,
+    ) -> Result<S::Ok, S::Error> {
+        let set: Vec<(u32, f64)> = (0..)
+            .zip(values.iter().copied())
+            .filter_map(|(number, value)| Some((number, value?)))
+            .collect();
+        (values.len() as u32, set).serialize(to)
+    }
+
+    /// Reads them.
+    pub fn deserialize<'de, D: Deserializer<'de>>(
+        from: D,
+    ) -> Result<Arc<Vec<Option<f64>>>, D::Error> {
+        let (length, set) = <(u32, Vec<(u32, f64)>)>::deserialize(from)?;
+        let length = length.min(super::NUMBER_MAX + 1);
+        let mut values = vec![None; length as usize];
+        for (number, value) in set {
+            if let Some(slot) = values.get_mut(number as usize) {
+                *slot = Some(value);
+            }
+        }
+        Ok(Arc::new(values))
     }
 }

@@ -2,6 +2,7 @@
 //! from X (LinuxCNC manual, "Polar Coordinates").
 
 use crate::flat::Flat;
+use crate::refusal::{Refusal, wrong};
 
 /// A place nearer to the zero has no angle.
 const ORIGIN_MM: f64 = 1e-9;
@@ -18,7 +19,7 @@ pub struct Polar {
 impl Polar {
     /// The place meant, from the place before it, in program coordinates X and Y. A word that is missing stays as it is;
     /// in G91 each word adds. What is wrong and what would be right where the place before has no angle.
-    pub fn place(&self, from: Flat, incremental: bool) -> Result<Flat, (String, String)> {
+    pub fn place(&self, from: Flat, incremental: bool) -> Result<Flat, Refusal> {
         let at_origin = from.length() < ORIGIN_MM;
         if at_origin && (incremental || self.angle_deg.is_none()) {
             let (found, right) = if incremental {
@@ -32,7 +33,7 @@ impl Polar {
                     "the zero has no angle to keep: write ^ too",
                 )
             };
-            return Err((found.into(), right.into()));
+            return wrong(found, right);
         }
         let (radius_mm, angle_rad) = (from.length(), libm::atan2(from.v, from.u));
         let word_rad = self.angle_deg.map(f64::to_radians);
@@ -70,7 +71,7 @@ mod tests {
         polar
             .place(Flat::new(from.0, from.1), incremental)
             .map(|to| ((to.u * 1e6).round() / 1e6, (to.v * 1e6).round() / 1e6))
-            .map_err(|(found, _)| found)
+            .map_err(|refusal| refusal.found)
     }
 
     #[test]

@@ -2,16 +2,17 @@
 
 use bus::sample::AskedInput;
 use machine::{Beginning, KeptParameters, Tool};
-use path::geometry::{AxisVector, MAX_AXES, Path};
+use path::geometry::{AxisVector, Element, Path};
 use serde::{Deserialize, Serialize};
 use xxhash_rust::xxh3::Xxh3;
 
-use crate::error::ProgramError;
-use crate::interpreter::{SurfaceSpeed, unknown_mode};
-use crate::letters::AXIS_LETTERS;
 use crate::parameters::Parameters;
 use crate::question::Answer;
+use crate::surface::SurfaceSpeed;
 use crate::text::TextHash;
+
+/// The most blocks of one program that is interpreted as a whole; their geometry fits the memory of a small PC (about 1 GB).
+pub const BLOCKS_MAX: usize = 2_000_000;
 
 /// One axis as the interpreter needs to know it.
 #[derive(Debug, Clone, PartialEq)]
@@ -192,8 +193,19 @@ pub struct Message {
     pub text: String,
 }
 
+/// What some blocks made. Elements are counted from the first of the program.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Piece {
+    /// Path, in order.
+    pub elements: Vec<Element>,
+    /// What happens along it, in order.
+    pub events: Vec<Event>,
+    /// Comments that say something, in order.
+    pub messages: Vec<Message>,
+}
+
 /// How a program ends.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub enum ProgramEnd {
     /// By M2 on this line.
     M2(u32),
@@ -206,6 +218,7 @@ pub enum ProgramEnd {
     /// Given up by (ABORT, …) on this line, whose text is the last message.
     Abort(u32),
     /// With the file, by no word of its own.
+    #[default]
     FileEnd,
 }
 
@@ -294,44 +307,6 @@ impl Setup {
     pub fn axis_index(&self, letter: char) -> Option<usize> {
         self.axes.iter().position(|axis| axis.letter == letter)
     }
-}
-
-/// Refuses a machine no program can run on; machine files are checked long before.
-pub fn check_setup(name: &str, setup: &Setup, start: &AxisVector) -> Result<(), ProgramError> {
-    let finite = |vector: &AxisVector| vector.iter().all(|component| component.is_finite());
-    let refuse = |found: String, right: &str| Err(ProgramError::of_file(name, found, right));
-    if setup.axes.is_empty() || setup.axes.len() > MAX_AXES {
-        return refuse(
-            format!("machine with {} axes", setup.axes.len()),
-            "1 to 8 axes",
-        );
-    }
-    for (index, axis) in setup.axes.iter().enumerate() {
-        let taken = setup
-            .axes
-            .iter()
-            .take(index)
-            .any(|other| other.letter == axis.letter);
-        if taken || !AXIS_LETTERS.contains(axis.letter) {
-            return refuse(
-                format!("axis letter {}", axis.letter),
-                "each of X Y Z A B C U V W at most once",
-            );
-        }
-    }
-    if let Some(word) = unknown_mode(&setup.beginning.modes) {
-        return refuse(
-            format!("{word} among the modes that the program begins with"),
-            "words such as G1 G18 G91 F600",
-        );
-    }
-    if !finite(start) || !finite(&setup.work_offset) {
-        return refuse(
-            "start position or work offset that is not a number".into(),
-            "finite positions",
-        );
-    }
-    Ok(())
 }
 
 /// Names a program on a machine: its text, by length and hash, and everything else that its geometry depends on.

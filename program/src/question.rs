@@ -1,12 +1,8 @@
 //! What a program asks the machine while it runs: where the probe trips, what an input shows. What comes behind is not known before
 //! the answer is.
 
-use bus::sample::{AnswerOutcome, AskedInput, InputWait};
-use machine::Machine;
+use bus::sample::{AskedInput, InputWait};
 use path::geometry::{AxisVector, Element};
-use path::pivot::OutOfReach;
-
-use crate::resume::tool_at;
 
 /// What a program asks.
 #[derive(Debug, Clone, PartialEq)]
@@ -50,28 +46,6 @@ pub enum Answer {
     },
     /// The value of the input; −1 where the wait for it lasted too long.
     Input(f64),
-}
-
-impl Answer {
-    /// What the machine has said, to a probing motion or about an input.
-    ///
-    /// # Errors
-    /// The axes are where no program can go on from.
-    pub fn said(
-        machine: &Machine,
-        said: &bus::sample::Answer,
-        probes: bool,
-    ) -> Result<Answer, OutOfReach> {
-        if !probes {
-            return Ok(Answer::Input(said.value));
-        }
-        let rests = tool_at(machine, &said.rests)?;
-        if said.outcome == AnswerOutcome::Missed as u32 {
-            return Ok(Answer::Missed { rests });
-        }
-        let at = tool_at(machine, &said.tripped)?;
-        Ok(Answer::Tripped { at, rests })
-    }
 }
 
 impl Question {

@@ -1,8 +1,11 @@
 //! From one line of text to a block: words with their values and places, parameters that it sets, comments that say something, or
 //! a word of program flow.
 
+use std::fmt::{self, Display};
+
 use crate::expression::{Cursor, Lookup, Target};
 use crate::flow::{FlowWord, read_flow_word};
+use crate::refusal::{Refusal, refuse, shown};
 
 /// The most words of one block: twice what can be in one without conflict. Bounds the memory of a hostile line.
 const WORDS_MAX: usize = 64;
@@ -16,8 +19,19 @@ pub struct Word {
     pub value: f64,
     /// Byte offset of the letter in the line.
     pub offset: usize,
-    /// Byte offset behind the number.
-    pub end: usize,
+}
+
+impl Word {
+    /// Refuses the word as it stands.
+    pub fn refuse<T, E: From<Refusal>>(self, right: impl Into<String>) -> Result<T, E> {
+        refuse(self.offset, self.to_string(), right)
+    }
+}
+
+impl Display for Word {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(formatter, "{}{}", self.letter, self.value)
+    }
 }
 
 /// What a comment asks for.
@@ -109,35 +123,14 @@ impl Line {
     }
 }
 
-/// A line that cannot be read: where, what was found, what would be right.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Unreadable {
-    /// Byte offset in the line.
-    pub offset: usize,
-    /// What was found.
-    pub found: String,
-    /// What would be right.
-    pub right: String,
-}
-
 /// Reads one line, without its line end, into `line`. Time is linear in its length.
-pub fn read_line(text: &str, lookup: &impl Lookup, line: &mut Line) -> Result<(), Unreadable> {
+pub fn read_line(text: &str, lookup: &impl Lookup, line: &mut Line) -> Result<(), Refusal> {
     line.clear();
-    let unreadable = |offset, found: String, right: &str| {
-        Err(Unreadable {
-            offset,
-            found,
-            right: right.to_owned(),
-        })
-    };
     // Before comments are skipped: an editor shows the text behind a lone carriage return as a line of its own, and a
     // comment before it must not swallow that line.
     if let Some(offset) = text.bytes().position(|byte| byte == b'\r') {
-        return unreadable(
-            offset,
-            "a carriage return inside a line".into(),
-            "end lines with LF or CR LF",
-        );
+        let right = "end lines with LF or CR LF";
+        return refuse(offset, "a carriage return inside a line", right);
     }
     let bytes = text.as_bytes();
     let mut cursor = Cursor::new(text, 0);
@@ -163,7 +156,7 @@ pub fn read_line(text: &str, lookup: &impl Lookup, line: &mut Line) -> Result<()
             }
             _ if line.percent => {
                 let found = format!("{} on a % line", shown(text, offset));
-                return unreadable(offset, found, "% stands alone on its line");
+                return refuse(offset, found, "% stands alone on its line");
             }
             b'#' => line.assignments.push(read_assignment(&mut cursor, lookup)?),
             b'o' | b'O' if line.words.iter().all(|word| word.letter == 'N') => {
@@ -173,15 +166,15 @@ pub fn read_line(text: &str, lookup: &impl Lookup, line: &mut Line) -> Result<()
                 if line.words.len() >= WORDS_MAX {
                     let found = format!("more than {WORDS_MAX} words");
                     let right = "one block is one line; break it into several";
-                    return unreadable(offset, found, right);
+                    return refuse(offset, found, right);
                 }
                 if let Some(flow) = &line.flow {
                     let found = format!("{} behind {}", shown(text, offset), flow.shown());
-                    return unreadable(offset, found, "an O-word stands alone in its block");
+                    return refuse(offset, found, "an O-word stands alone in its block");
                 }
                 line.words.push(read_word(&mut cursor, lookup)?);
             }
-            _ => return unreadable(offset, shown(text, offset), instead_of(byte)),
+            _ => return refuse(offset, shown(text, offset), instead_of(byte)),
         }
     }
     line.blanks_in_number = cursor.blanks_in_number;
@@ -189,25 +182,21 @@ pub fn read_line(text: &str, lookup: &impl Lookup, line: &mut Line) -> Result<()
 }
 
 /// Reads the parameter that is set next, and its value.
-fn read_assignment(cursor: &mut Cursor, lookup: &impl Lookup) -> Result<(Target, f64), Unreadable> {
+fn read_assignment(cursor: &mut Cursor, lookup: &impl Lookup) -> Result<(Target, f64), Refusal> {
     let offset = cursor.offset;
-    let unreadable = |found, right| Unreadable {
-        offset,
-        found,
-        right,
-    };
     let target = cursor.target(lookup)?;
-    let refused = |(found, right)| unreadable(found, right);
-    lookup.check_settable(&target).map_err(refused)?;
+    lookup
+        .check_settable(&target)
+        .map_err(|wrong| wrong.at(offset))?;
     if !cursor.take(b'=') {
         let right = "a parameter is set with =, such as #1=5, or used behind a letter, such as X#1";
-        return Err(unreadable("a parameter by itself".into(), right.into()));
+        return refuse(offset, "a parameter by itself", right);
     }
     Ok((target, cursor.value(lookup)?))
 }
 
 /// Reads the word whose letter is next; a plain number of few digits without the detour over text.
-fn read_word(cursor: &mut Cursor, lookup: &impl Lookup) -> Result<Word, Unreadable> {
+fn read_word(cursor: &mut Cursor, lookup: &impl Lookup) -> Result<Word, Refusal> {
     let offset = cursor.offset;
     let letter = char::from(cursor.peek()).to_ascii_uppercase();
     cursor.offset += 1;
@@ -222,7 +211,6 @@ fn read_word(cursor: &mut Cursor, lookup: &impl Lookup) -> Result<Word, Unreadab
         letter,
         value,
         offset,
-        end: cursor.offset,
     })
 }
 
@@ -239,35 +227,23 @@ fn instead_of(byte: u8) -> &'static str {
 }
 
 /// Offset behind the comment that opens at `offset`.
-pub fn comment_end(text: &str, offset: usize) -> Result<usize, Unreadable> {
+pub fn comment_end(text: &str, offset: usize) -> Result<usize, Refusal> {
     let inside = text.get(offset + 1..).unwrap_or_default();
-    let unreadable = |found: &str, at: usize, right: &str| {
-        Err(Unreadable {
-            offset: at,
-            found: found.to_owned(),
-            right: right.to_owned(),
-        })
-    };
     match inside.find(['(', ')']) {
         Some(length) if inside.as_bytes().get(length) == Some(&b')') => Ok(offset + 1 + length + 1),
-        Some(length) => unreadable(
-            "( inside a comment",
-            offset + 1 + length,
-            "comments do not nest; close with ) first",
-        ),
-        None => unreadable(
-            "a comment that is not closed",
-            offset,
-            "close it with ) on the same line",
-        ),
+        Some(length) => {
+            let right = "comments do not nest; close with ) first";
+            refuse(offset + 1 + length, "( inside a comment", right)
+        }
+        None => {
+            let right = "close it with ) on the same line";
+            refuse(offset, "a comment that is not closed", right)
+        }
     }
 }
 
 /// What the inside of a comment asks for, if anything. Blanks may stand before its word, and none between the word and its comma.
-fn active_comment(
-    inside: &str,
-    offset: usize,
-) -> Result<Option<(CommentKind, String)>, Unreadable> {
+fn active_comment(inside: &str, offset: usize) -> Result<Option<(CommentKind, String)>, Refusal> {
     let inside = inside.trim_start();
     let length = inside
         .find(|c: char| !c.is_ascii_alphabetic())
@@ -291,36 +267,11 @@ fn active_comment(
 }
 
 /// Python in a comment.
-fn refused_python(word: &str, offset: usize) -> Unreadable {
+fn refused_python(word: &str, offset: usize) -> Refusal {
     let right = "O-words and expressions compute, user M-codes (M100 to M199) run programs of the machine builder";
-    Unreadable {
-        offset,
-        found: format!(
-            "a comment of {}, which runs Python in LinuxCNC",
-            word.to_uppercase()
-        ),
-        right: right.to_owned(),
-    }
-}
-
-/// The character at an offset as a person can read it.
-pub fn shown(text: &str, offset: usize) -> String {
-    match text.get(offset..).and_then(|rest| rest.chars().next()) {
-        None => "the end of the line".into(),
-        Some(character) if character.is_control() => {
-            format!("a control character (U+{:04X})", u32::from(character))
-        }
-        Some(character) => format!("'{character}'"),
-    }
-}
-
-/// Column of a byte offset, counted from 1 in characters.
-pub fn column(text: &str, offset: usize) -> u32 {
-    let before = text
-        .char_indices()
-        .take_while(|&(at, _)| at < offset)
-        .count();
-    u32::try_from(before).unwrap_or(u32::MAX - 1) + 1
+    let word = word.to_uppercase();
+    let found = format!("a comment of {word}, which runs Python in LinuxCNC");
+    Refusal::new(offset, found, right)
 }
 
 #[cfg(test)]

@@ -4,14 +4,15 @@ use std::path::Path;
 use std::sync::Arc;
 
 use machine::{KeptParameters, Tool};
-use path::geometry::{AxisVector, Element};
+use path::geometry::AxisVector;
 
 use crate::error::ProgramError;
 use crate::execution::Execution;
 use crate::file::{open_text, text_hash};
 use crate::interpreter::{Bound, Modal};
-use crate::program::{Event, Message, Note, ProgramEnd, Setup, check_setup, source_hash};
+use crate::program::{Note, Piece, ProgramEnd, Setup, source_hash};
 use crate::question::{Answer, Question};
+use crate::setup::check_setup;
 use crate::snapshot;
 use crate::source::Source;
 use crate::text::{Text, TextHash, hash_of};
@@ -30,17 +31,6 @@ pub struct Reading {
     source_hash: u64,
     execution: Execution,
     over: Option<Result<ProgramEnd, ProgramError>>,
-}
-
-/// What some blocks made. Elements are counted from the first of the program.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct Piece {
-    /// Path, in order.
-    pub elements: Vec<Element>,
-    /// What happens along it, in order.
-    pub events: Vec<Event>,
-    /// Comments that say something, in order.
-    pub messages: Vec<Message>,
 }
 
 /// How far a program was read.
@@ -89,7 +79,7 @@ impl Reading {
 
     fn of(name: &str, text: Text, hash: TextHash, setup: &Arc<Setup>, start: AxisVector) -> Self {
         let mut execution = Execution::new(Source::new(text), setup, start);
-        execution.interpreter.output().bound = Bound::Block {
+        execution.interpreter.output.bound = Bound::Block {
             most: BLOCK_ELEMENTS_MAX,
             before: 0,
         };
@@ -114,7 +104,7 @@ impl Reading {
         if let Some(over) = &self.over {
             return over.clone().map(Progress::Ended);
         }
-        let output = &mut self.execution.interpreter.output().piece;
+        let output = &mut self.execution.interpreter.output.piece;
         // What an answer has made since.
         piece.elements.append(&mut output.elements);
         std::mem::swap(output, piece);
@@ -128,7 +118,7 @@ impl Reading {
                 break;
             }
         }
-        let output = &mut self.execution.interpreter.output().piece;
+        let output = &mut self.execution.interpreter.output.piece;
         std::mem::swap(output, piece);
         match &self.over {
             Some(over) => over.clone().map(Progress::Ended),
@@ -161,13 +151,13 @@ impl Reading {
 
     /// Does a line; how the program ends if it does.
     fn line(&mut self) -> Result<Option<ProgramEnd>, ProgramError> {
-        let output = self.execution.interpreter.output();
+        let output = &mut self.execution.interpreter.output;
         let mark = output.mark();
         output.begin_block();
         let ends = self.execution.does_line();
         self.execution.check_made();
         self.execution.refused(&self.name).inspect_err(|_| {
-            self.execution.interpreter.output().take_back(&mark);
+            self.execution.interpreter.output.take_back(&mark);
         })?;
         if !ends {
             return Ok(None);
@@ -195,7 +185,7 @@ impl Reading {
         let (mut execution, over): Kept = snapshot::unpack(&self.name, self.source_hash, snapshot)?;
         execution
             .complete(&self.execution)
-            .map_err(|error| ProgramError::of_file(&self.name, error.found, error.right))?;
+            .map_err(|error| ProgramError::of_text(&self.name, error))?;
         self.execution = execution;
         self.over = over;
         Ok(())
@@ -238,11 +228,11 @@ impl Reading {
 
     /// How many elements were made since the program's first block.
     pub fn elements_made(&self) -> u64 {
-        self.execution.interpreter.elements_made()
+        self.execution.interpreter.output.elements_made()
     }
 
     /// What was accepted with a remark so far; one per kind, in the order of their first lines.
     pub fn notes(&self) -> Vec<Note> {
-        self.execution.interpreter.notes()
+        self.execution.interpreter.output.notes.by_line()
     }
 }

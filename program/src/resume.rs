@@ -1,34 +1,23 @@
-//! A program on a machine: expanded from where its axes are.
+//! A program read and interpreted whole: on a machine that is told, or one that stands somewhere.
 
 use std::path::Path;
 
 use machine::Machine;
 use path::geometry::AxisVector;
-use path::kinematics::Kinematics;
-use path::pivot::OutOfReach;
 
-use crate::error::ResumeError;
+use crate::bundle::read_program;
+use crate::error::{ProgramError, ResumeError};
+use crate::execution::interpret;
 use crate::program::{Program, Setup};
 use crate::question::Answer;
-use crate::{interpret, kinematics_of, read_program};
+use crate::setup::tool_at;
 
-/// Where the tool is, in the coordinates of programs, with the command positions at these increments.
+/// Reads and interprets a program file, for a machine that is at `start` (machine coordinates).
 ///
-/// # Errors
-/// The axes are where no program can start.
-pub fn tool_at(machine: &Machine, increments: &[i64]) -> Result<AxisVector, OutOfReach> {
-    let mut axes = AxisVector::zeros();
-    let named = axes.iter_mut().zip(machine.program_axes());
-    for ((value, axis), increments) in named.zip(increments) {
-        *value = *increments as f64 * axis.increment_mm();
-    }
-    let kinematics = kinematics_of(machine);
-    if let Kinematics::PivotY(pivot) = kinematics {
-        let arm = machine.axes.get(pivot.arm);
-        let window_deg = arm.map_or(0.0, |arm| arm.in_position_window_um() * 1e-3);
-        pivot.check_start(&axes, window_deg)?;
-    }
-    Ok(kinematics.tool(&axes))
+/// What is no regular file, too large, not text or not a program is refused; a large file before it is read.
+pub fn load(file: &Path, setup: &Setup, start: AxisVector) -> Result<Program, ProgramError> {
+    let text = read_program(file, &[])?;
+    interpret(&file.display().to_string(), &text, setup, start)
 }
 
 /// Interprets a program's text, for a machine with its command positions at these increments.
@@ -41,48 +30,32 @@ pub fn resume_from(
     name: &str,
     text: &str,
 ) -> Result<Program, ResumeError> {
-    resume_knowing(machine, increments, name, text, &[])
+    let start = tool_at(machine, increments)?;
+    Ok(interpret(
+        name,
+        text,
+        &Setup::rehearsed(machine, &[]),
+        start,
+    )?)
 }
 
-/// The same, with what a machine has answered to what the program asks; what comes behind the last answer is assumed.
+/// The same of a program file, with what a machine has answered to what the program asks; what comes behind the last answer is assumed.
 ///
 /// # Errors
 /// [`ResumeError`]; an answer is none to what is asked.
-pub fn resume_knowing(
-    machine: &Machine,
-    increments: &[i64],
-    name: &str,
-    text: &str,
-    answers: &[Answer],
-) -> Result<Program, ResumeError> {
-    let start = tool_at(machine, increments)?;
-    let setup = Setup {
-        rehearsed: true,
-        answers: answers.to_vec(),
-        ..Setup::of(machine)
-    };
-    Ok(interpret(name, text, &setup, start)?)
-}
-
-/// The same of a program file.
-///
-/// # Errors
-/// [`ResumeError`].
 pub fn load_from(
-    machine: &Machine,
-    increments: &[i64],
-    file: &Path,
-) -> Result<Program, ResumeError> {
-    load_knowing(machine, increments, file, &[])
-}
-
-pub(crate) fn load_knowing(
     machine: &Machine,
     increments: &[i64],
     file: &Path,
     answers: &[Answer],
 ) -> Result<Program, ResumeError> {
     let text = read_program(file, &machine.subroutine_folders)?;
-    let name = file.display().to_string();
-    resume_knowing(machine, increments, &name, &text, answers)
+    let setup = Setup::rehearsed(machine, answers);
+    let start = tool_at(machine, increments)?;
+    Ok(interpret(
+        &file.display().to_string(),
+        &text,
+        &setup,
+        start,
+    )?)
 }

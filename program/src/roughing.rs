@@ -17,16 +17,16 @@ mod segment;
 mod tests;
 
 use crate::flat::Flat;
+use crate::refusal::{Refusal, wrong};
 use segment::Segment;
+
+pub use segment::Cut;
 
 /// The most moves of one cycle.
 const CUTS_MAX: usize = 100_000;
 
 /// The most pieces of a profile.
 pub const PIECES_MAX: usize = 10_000;
-
-/// What is wrong with a cycle, and what would be right.
-pub type CycleRefusal = (String, String);
 
 /// One piece of a profile: Z is the first, X the second coordinate, in mm.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -35,24 +35,6 @@ pub struct Piece {
     pub to: Flat,
     /// Centre and direction (G3 rather than G2) if it is an arc.
     pub arc: Option<(Flat, bool)>,
-}
-
-/// One move of a cycle, as in a profile.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Cut {
-    /// In rapid.
-    Rapid(Flat),
-    /// Straight at feed.
-    Feed(Flat),
-    /// Round a centre at feed.
-    Arc {
-        /// End.
-        to: Flat,
-        /// Centre.
-        centre: Flat,
-        /// G3 rather than G2.
-        counter_clockwise: bool,
-    },
 }
 
 /// What of a profile is roughed: the decimal of G71 and G72.
@@ -105,10 +87,10 @@ struct Cuts {
 }
 
 impl Cuts {
-    fn push(&mut self, cut: Cut) -> Result<(), CycleRefusal> {
+    fn push(&mut self, cut: Cut) -> Result<(), Refusal> {
         if self.cuts.len() >= CUTS_MAX {
             let found = format!("a cycle of more than {CUTS_MAX} moves");
-            return Err((found, "a larger I, or a smaller profile".into()));
+            return wrong(found, "a larger I, or a smaller profile");
         }
         let back = |point| self.facing.back(point);
         self.cuts.push(match cut {
@@ -163,22 +145,20 @@ struct Profile {
 
 impl Profile {
     /// A profile that begins at `start`, where the tool comes from.
-    fn new(pieces: &[Piece], start: Flat) -> Result<Self, CycleRefusal> {
+    fn new(pieces: &[Piece], start: Flat) -> Result<Self, Refusal> {
         if pieces.len() < 2 || pieces.len() > PIECES_MAX {
             let found = format!("a profile of {} moves", pieces.len());
             let right =
                 format!("a move to its beginning and at least one along it, at most {PIECES_MAX}");
-            return Err((found, right));
+            return wrong(found, right);
         }
         let finite = pieces.iter().all(|piece| {
             let centre = piece.arc.map_or(Flat::default(), |(centre, _)| centre);
             (piece.to.length() + centre.length()) < 1e9
         });
         if !finite {
-            return Err((
-                "a profile beyond all machines".into(),
-                "coordinates in the range of ordinary numbers".into(),
-            ));
+            let right = "coordinates in the range of ordinary numbers";
+            return wrong("a profile beyond all machines", right);
         }
         let mut from = start;
         let segments = pieces
@@ -230,10 +210,10 @@ impl Profile {
 }
 
 /// The moves of G71 and G72.
-pub fn roughing(pieces: &[Piece], words: &Roughing) -> Result<Vec<Cut>, CycleRefusal> {
+pub fn roughing(pieces: &[Piece], words: &Roughing) -> Result<Vec<Cut>, Refusal> {
     if !(words.depth_mm > 0.0 && words.depth_mm.is_finite()) {
         let found = format!("a depth of cut I of {} mm", words.depth_mm);
-        return Err((found, "I is above 0".into()));
+        return wrong(found, "I is above 0");
     }
     let mut profile = Profile::new(pieces, words.start)?;
     if words.facing {
@@ -254,7 +234,7 @@ pub fn roughing(pieces: &[Piece], words: &Roughing) -> Result<Vec<Cut>, CycleRef
 }
 
 /// The moves of G70.
-pub fn finishing(pieces: &[Piece], words: &Finishing) -> Result<Vec<Cut>, CycleRefusal> {
+pub fn finishing(pieces: &[Piece], words: &Finishing) -> Result<Vec<Cut>, Refusal> {
     let given = Profile::new(pieces, words.start)?;
     let mut profile = given.clone();
     profile.align();

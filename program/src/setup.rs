@@ -1,11 +1,16 @@
 //! What the machine file says of programs.
 
+use bus::sample::AnswerOutcome;
 use machine::{self, AxisKind, KinematicsKind, Machine};
-use path::geometry::AxisVector;
+use path::geometry::{AxisVector, MAX_AXES};
 use path::kinematics::Kinematics;
-use path::pivot::{self, PivotY};
+use path::pivot::{self, OutOfReach, PivotY};
 
+use crate::error::{ProgramError, refuse_file};
+use crate::letters::AXIS_LETTERS;
 use crate::program::{AxisSetup, Setup};
+use crate::question::Answer;
+use crate::words::unknown_mode;
 
 impl Setup {
     /// The machine as the interpreter needs to know it.
@@ -62,6 +67,15 @@ impl Setup {
             ..Setup::default()
         }
     }
+
+    /// The same for a program that is read beside its machine: these answers are known, and what comes behind them is assumed.
+    pub fn rehearsed(machine: &Machine, answers: &[Answer]) -> Setup {
+        Setup {
+            rehearsed: true,
+            answers: answers.to_vec(),
+            ..Setup::of(machine)
+        }
+    }
 }
 
 /// How the axes of a machine carry the tool that programs move.
@@ -83,4 +97,71 @@ pub fn kinematics_of(machine: &Machine) -> Kinematics {
             }),
         });
     pivot.map_or(Kinematics::Cartesian, Kinematics::PivotY)
+}
+
+/// Where the tool is, in the coordinates of programs, with the command positions at these increments.
+///
+/// # Errors
+/// The axes are where no program can start.
+pub fn tool_at(machine: &Machine, increments: &[i64]) -> Result<AxisVector, OutOfReach> {
+    let mut axes = AxisVector::zeros();
+    let named = axes.iter_mut().zip(machine.program_axes());
+    for ((value, axis), increments) in named.zip(increments) {
+        *value = *increments as f64 * axis.increment_mm();
+    }
+    let kinematics = kinematics_of(machine);
+    if let Kinematics::PivotY(pivot) = kinematics {
+        let arm = machine.axes.get(pivot.arm);
+        let window_deg = arm.map_or(0.0, |arm| arm.in_position_window_um() * 1e-3);
+        pivot.check_start(&axes, window_deg)?;
+    }
+    Ok(kinematics.tool(&axes))
+}
+
+impl Answer {
+    /// What the machine has said, to a probing motion or about an input.
+    ///
+    /// # Errors
+    /// The axes are where no program can go on from.
+    pub fn said(
+        machine: &Machine,
+        said: &bus::sample::Answer,
+        probes: bool,
+    ) -> Result<Answer, OutOfReach> {
+        if !probes {
+            return Ok(Answer::Input(said.value));
+        }
+        let rests = tool_at(machine, &said.rests)?;
+        if said.outcome == AnswerOutcome::Missed as u32 {
+            return Ok(Answer::Missed { rests });
+        }
+        let at = tool_at(machine, &said.tripped)?;
+        Ok(Answer::Tripped { at, rests })
+    }
+}
+
+/// Refuses a machine no program can run on; machine files are checked long before.
+pub fn check_setup(name: &str, setup: &Setup, start: &AxisVector) -> Result<(), ProgramError> {
+    let finite = |vector: &AxisVector| vector.iter().all(|component| component.is_finite());
+    let axes = setup.axes.as_slice();
+    if axes.is_empty() || axes.len() > MAX_AXES {
+        let found = format!("machine with {} axes", axes.len());
+        return refuse_file(name, found, "1 to 8 axes");
+    }
+    for (axis, before) in axes.iter().zip(0..) {
+        let taken = setup.axis_index(axis.letter) != Some(before);
+        if taken || !AXIS_LETTERS.contains(axis.letter) {
+            let found = format!("axis letter {}", axis.letter);
+            return refuse_file(name, found, "each of X Y Z A B C U V W at most once");
+        }
+    }
+    if let Some(word) = unknown_mode(&setup.beginning.modes) {
+        let found = format!("{word} among the modes that the program begins with");
+        return refuse_file(name, found, "words such as G1 G18 G91 F600");
+    }
+    if !finite(start) || !finite(&setup.work_offset) {
+        let found = "start position or work offset that is not a number";
+        return refuse_file(name, found, "finite positions");
+    }
+    Ok(())
 }

@@ -5,10 +5,10 @@
 use serde::{Deserialize, Serialize};
 use xxhash_rust::xxh3::xxh3_64;
 
-use crate::error::ProgramError;
+use crate::error::{ProgramError, refuse_file};
 
 /// What every snapshot begins with; its last byte counts the versions of what is in it.
-const BEGINS: &[u8; 8] = b"QREAD\0\0\x02";
+const BEGINS: &[u8; 8] = b"QREAD\0\0\x03";
 /// Its beginning, the hash of the program, and the checksum at its end.
 const HASH_BYTES: usize = 8;
 
@@ -31,7 +31,7 @@ pub fn unpack<'a, T: Deserialize<'a>>(
 ) -> Result<T, ProgramError> {
     let refuse = |found: &str| {
         let right = "the program is read again from its beginning";
-        Err(ProgramError::of_file(name, found, right))
+        refuse_file(name, found, right)
     };
     let damaged = "a state to go on from that is damaged";
     let content = bytes
@@ -145,59 +145,6 @@ pub mod tools {
     }
 }
 
-/// Names and their values.
-pub mod named {
-    use std::collections::BTreeMap;
-    use std::sync::Arc;
-
-    use serde::{Deserialize, Deserializer, Serialize, Serializer};
-
-    type Named = BTreeMap<String, f64>;
-
-    /// Writes them.
-    pub fn serialize<S: Serializer>(named: &Arc<Named>, to: S) -> Result<S::Ok, S::Error> {
-        named.as_ref().serialize(to)
-    }
-
-    /// Reads them.
-    pub fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Arc<Named>, D::Error> {
-        Ok(Arc::new(Named::deserialize(from)?))
-    }
-}
-
-/// Numbered parameters, of which most were never set.
-pub mod numbered {
-    use std::sync::Arc;
-
-    use serde::{Deserialize, Deserializer, Serialize, Serializer};
-
-    /// Writes those that were set.
-    pub fn serialize<S: Serializer>(
-        values: &Arc<Vec<Option<f64>>>,
-        to: S,
-    ) -> Result<S::Ok, S::Error> {
-        let set: Vec<(u32, f64)> = (0..)
-            .zip(values.iter().copied())
-            .filter_map(|(number, value)| Some((number, value?)))
-            .collect();
-        (values.len() as u32, set).serialize(to)
-    }
-
-    /// Reads them.
-    pub fn deserialize<'de, D: Deserializer<'de>>(
-        from: D,
-    ) -> Result<Arc<Vec<Option<f64>>>, D::Error> {
-        let (length, set) = <(u32, Vec<(u32, f64)>)>::deserialize(from)?;
-        let length = length.min(crate::parameters::NUMBER_MAX + 1);
-        let mut values = vec![None; length as usize];
-        for (number, value) in set {
-            if let Some(slot) = values.get_mut(number as usize) {
-                *slot = Some(value);
-            }
-        }
-        Ok(Arc::new(values))
-    }
-}
 /// What is asked of an input, as it travels.
 pub mod asked_input {
     use bus::sample::AskedInput;

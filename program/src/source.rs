@@ -5,7 +5,8 @@ use std::collections::HashMap;
 use std::sync::Arc;
 
 use crate::flow::{Keyword, flow_at};
-use crate::text::{Text, TextError, text_of};
+use crate::refusal::{Refusal, refuse};
+use crate::text::{Text, text_of};
 
 /// A line that begins with it begins another file, whose name follows: what [`crate::bundle`] appends to a program that calls
 /// subroutines of other files.
@@ -21,6 +22,14 @@ pub struct Spot {
     pub line: usize,
     /// Its first byte.
     pub byte: u64,
+}
+
+impl Spot {
+    /// The line behind it, which begins with this byte.
+    fn next(self, byte: u64) -> Self {
+        let line = self.line + 1;
+        Self { line, byte }
+    }
 }
 
 /// A line with an O-word.
@@ -121,27 +130,15 @@ impl Source {
     }
 
     /// The line that begins at a place, without its end, and where the next begins; none behind the last.
-    pub fn line(&mut self, at: Spot) -> Result<Option<(&str, Spot)>, TextError> {
+    pub fn line(&mut self, at: Spot) -> Result<Option<(&str, Spot)>, Refusal> {
         let line = self.text.line(at.byte)?;
-        Ok(line.map(|(line, byte)| {
-            let behind = Spot {
-                line: at.line + 1,
-                byte,
-            };
-            (line, behind)
-        }))
+        Ok(line.map(|(line, byte)| (line, at.next(byte))))
     }
 
     /// The bytes of the same line, with a carriage return if it ends with one.
-    pub fn bytes(&mut self, at: Spot) -> Result<Option<(&[u8], Spot)>, TextError> {
+    pub fn bytes(&mut self, at: Spot) -> Result<Option<(&[u8], Spot)>, Refusal> {
         let line = self.text.bytes(at.byte)?;
-        Ok(line.map(|(line, byte)| {
-            let behind = Spot {
-                line: at.line + 1,
-                byte,
-            };
-            (line, behind)
-        }))
+        Ok(line.map(|(line, byte)| (line, at.next(byte))))
     }
 
     /// Whether a line begins another file.
@@ -149,13 +146,10 @@ impl Source {
         at.line > 0 && line.starts_with(FILE_MARK)
     }
 
-    fn index(&mut self) -> Result<&Index, TextError> {
+    fn index(&mut self) -> Result<&Index, Refusal> {
         self.look_on(u64::MAX)?;
-        self.index.as_deref().ok_or_else(|| TextError {
-            offset: 0,
-            found: "no index of the labels".into(),
-            right: String::new(),
-        })
+        let none = || Refusal::new(0, "no index of the labels", "");
+        self.index.as_deref().ok_or_else(none)
     }
 
     /// Whether it is known where all labels are.
@@ -171,7 +165,7 @@ impl Source {
     }
 
     /// Looks through about so many bytes more for labels; true once all of the text is.
-    pub fn look_on(&mut self, bytes_max: u64) -> Result<bool, TextError> {
+    pub fn look_on(&mut self, bytes_max: u64) -> Result<bool, Refusal> {
         if self.is_looked_through() {
             return Ok(true);
         }
@@ -183,7 +177,7 @@ impl Source {
     }
 
     /// Looks where the files of the text are.
-    pub fn find_files(&mut self) -> Result<(), TextError> {
+    pub fn find_files(&mut self) -> Result<(), Refusal> {
         self.index().map(|_| ())
     }
 
@@ -212,7 +206,7 @@ impl Source {
         label: &str,
         from: usize,
         keywords: &[Keyword],
-    ) -> Result<Option<Label>, TextError> {
+    ) -> Result<Option<Label>, Refusal> {
         Ok(self.index()?.next(label, from, keywords))
     }
 
@@ -222,12 +216,12 @@ impl Source {
         label: &str,
         from: usize,
         keywords: &[Keyword],
-    ) -> Result<Option<Label>, TextError> {
+    ) -> Result<Option<Label>, Refusal> {
         Ok(self.index()?.last_before(label, from, keywords))
     }
 
     /// Where a subroutine begins: its `sub`, or its number for M98.
-    pub fn subroutine(&mut self, label: &str) -> Result<Option<Label>, TextError> {
+    pub fn subroutine(&mut self, label: &str) -> Result<Option<Label>, Refusal> {
         Ok(self.index()?.subroutine(label))
     }
 }
@@ -241,7 +235,7 @@ impl Index {
     }
 
     /// Looks through about so many bytes more; true at the end of the text.
-    fn look_on(&mut self, bytes_max: u64, labels_max: usize) -> Result<bool, TextError> {
+    fn look_on(&mut self, bytes_max: u64, labels_max: usize) -> Result<bool, Refusal> {
         let until = self.at.byte.saturating_add(bytes_max);
         while self.at.byte < until {
             let at = self.at;
@@ -252,10 +246,7 @@ impl Index {
                 self.text = None;
                 return Ok(true);
             };
-            let behind = Spot {
-                line: at.line + 1,
-                byte,
-            };
+            let behind = at.next(byte);
             // What is no text is told when it is read.
             let line = if may_lead(line) {
                 text_of(line).unwrap_or_default()
@@ -270,7 +261,7 @@ impl Index {
                     let found =
                         format!("more than {labels_max} lines with O-words that others lead to");
                     let right = "split the program, or put what repeats into subroutines";
-                    return Err(TextError::new(0, found, right));
+                    return refuse(0, found, right);
                 }
                 let place = Label {
                     at,
@@ -331,7 +322,7 @@ mod tests {
         Source::new(Text::of(text))
     }
 
-    fn found(label: Result<Option<Label>, TextError>) -> Option<(usize, Keyword)> {
+    fn found(label: Result<Option<Label>, Refusal>) -> Option<(usize, Keyword)> {
         label.unwrap().map(|label| (label.at.line, label.keyword))
     }
 

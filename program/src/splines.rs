@@ -12,6 +12,10 @@
 use path::geometry::{AxisVector, Element, Shape};
 use serde::{Deserialize, Serialize};
 
+use crate::codes::g_codes;
+use crate::flat::Flat;
+use crate::refusal::{Refusal, wrong};
+
 #[cfg(test)]
 mod tests;
 
@@ -48,14 +52,66 @@ const STRAIGHT_MM: f64 = 1e-7;
 /// The most that one arc turns by.
 const SWEEP_MAX_RAD: f64 = std::f64::consts::FRAC_PI_2;
 
-/// A point of the plane, in mm.
-pub type Place = [f64; 2];
+g_codes! {
+    /// Which spline a block is of.
+    pub enum Spline {
+        /// G5.
+        Cubic = 50,
+        /// G5.1.
+        Quadratic = 51,
+        /// G5.2: control points up to G5.3.
+        Nurbs = 52,
+    }
+}
+
+/// What splines keep from block to block.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct SplineState {
+    /// Behind a G5: the step to the first control point of one that gives none, in the program's axes.
+    pub leaves_mm: Option<Flat>,
+    /// Between G5.2 and G5.3.
+    pub open: Option<OpenCurve>,
+}
+
+/// A NURBS whose control points are still being given.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct OpenCurve {
+    pub points: Vec<ControlPoint>,
+    pub order: usize,
+    pub line: u32,
+}
+
+/// The order of a NURBS that gives none.
+pub const ORDER: usize = 3;
+
+impl Spline {
+    /// The letters it makes use of, beside those of the axes.
+    pub fn letters(self) -> &'static str {
+        match self {
+            Spline::Cubic => "IJPQ",
+            Spline::Quadratic => "IJ",
+            Spline::Nurbs => "PL",
+        }
+    }
+}
+
+impl SplineState {
+    /// Whether there is nothing that another motion would end.
+    pub fn is_idle(&self) -> bool {
+        self.leaves_mm.is_none() && self.open.is_none()
+    }
+
+    /// The line in which a NURBS begins that has no end.
+    pub fn open_since(&self) -> Option<u32> {
+        self.open.as_ref().map(|open| open.line)
+    }
+}
 
 /// A control point of a curve.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct ControlPoint {
     /// Where it is, in machine coordinates.
-    pub at_mm: Place,
+    pub at_mm: Flat,
     /// Its weight, above 0.
     pub weight: f64,
 }
@@ -67,20 +123,17 @@ pub struct Curve {
     order: usize,
 }
 
-/// What is wrong with a curve, and what would be right.
-pub type CurveRefusal = (String, String);
-
 /// One piece of what follows a curve.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Piece {
     Line {
-        from: Place,
-        to: Place,
+        from: Flat,
+        to: Flat,
     },
     Arc {
-        from: Place,
-        to: Place,
-        centre: Place,
+        from: Flat,
+        to: Flat,
+        centre: Flat,
         sweep_rad: f64,
     },
 }
@@ -88,22 +141,22 @@ enum Piece {
 /// A place on a curve, with the direction in which it is passed.
 #[derive(Debug, Clone, Copy)]
 struct Passed {
-    at: Place,
-    along: Place,
+    at: Flat,
+    along: Flat,
 }
 
 impl Curve {
     /// G5: from `start` towards `first`, to `end` from `second`.
-    pub fn cubic(start: Place, first: Place, second: Place, end: Place) -> Self {
+    pub fn cubic(start: Flat, first: Flat, second: Flat, end: Flat) -> Self {
         Self::of_weight_1(&[start, first, second, end])
     }
 
     /// G5.1: from `start` towards `control` and from there to `end`.
-    pub fn quadratic(start: Place, control: Place, end: Place) -> Self {
+    pub fn quadratic(start: Flat, control: Flat, end: Flat) -> Self {
         Self::of_weight_1(&[start, control, end])
     }
 
-    fn of_weight_1(places: &[Place]) -> Self {
+    fn of_weight_1(places: &[Flat]) -> Self {
         let points = places
             .iter()
             .map(|&at_mm| ControlPoint { at_mm, weight: 1.0 })
@@ -115,54 +168,39 @@ impl Curve {
     }
 
     /// G5.2 to G5.3: along its control points, the first of them the start.
-    pub fn nurbs(points: Vec<ControlPoint>, order: usize) -> Result<Self, CurveRefusal> {
-        let refuse = |found: String, right: String| Err((found, right));
+    pub fn nurbs(points: Vec<ControlPoint>, order: usize) -> Result<Self, Refusal> {
+        let count = points.len();
+        let found = format!("a spline of {count} control points");
         if !(3..=ORDER_MAX).contains(&order) {
-            return refuse(
-                format!("a spline of order L{order}"),
-                format!("L from 3 to {ORDER_MAX}"),
-            );
+            let right = format!("L from 3 to {ORDER_MAX}");
+            return wrong(format!("a spline of order L{order}"), right);
         }
-        if points.len() < order {
-            return refuse(
-                format!("a spline of {} control points", points.len()),
-                format!("at least as many as its order: L is {order}, the start counts as one"),
-            );
+        if count < order {
+            let right =
+                format!("at least as many as its order: L is {order}, the start counts as one");
+            return wrong(found, right);
         }
-        if points.len() > POINTS_MAX {
-            return refuse(
-                format!("a spline of {} control points", points.len()),
-                format!("at most {POINTS_MAX}: split the curve"),
-            );
+        if count > POINTS_MAX {
+            return wrong(found, format!("at most {POINTS_MAX}: split the curve"));
         }
-        if let Some(point) = points
-            .iter()
-            .find(|point| point.weight.is_nan() || point.weight <= 0.0)
-        {
-            return refuse(
-                format!("a control point of weight P{}", point.weight),
-                "a weight is above 0".into(),
-            );
+        let weightless = |point: &&ControlPoint| point.weight.is_nan() || point.weight <= 0.0;
+        if let Some(point) = points.iter().find(weightless) {
+            let found = format!("a control point of weight P{}", point.weight);
+            return wrong(found, "a weight is above 0");
         }
         Ok(Self { points, order })
     }
 
     /// Where it ends.
-    pub fn end(&self) -> Place {
-        self.points.last().map_or([0.0; 2], |point| point.at_mm)
+    pub fn end(&self) -> Flat {
+        self.points
+            .last()
+            .map_or(Flat::default(), |point| point.at_mm)
     }
 
     /// The lines and arcs that follow it from `from`, whose components in `plane` are its start.
-    pub fn shapes(&self, from: &AxisVector, plane: [usize; 2]) -> Result<Vec<Shape>, CurveRefusal> {
-        let placed = |place: Place| {
-            let mut vector = *from;
-            for (axis, mm) in plane.iter().zip(place) {
-                if let Some(component) = vector.get_mut(*axis) {
-                    *component = mm;
-                }
-            }
-            vector
-        };
+    pub fn shapes(&self, from: &AxisVector, plane: [usize; 2]) -> Result<Vec<Shape>, Refusal> {
+        let placed = |place: Flat| place.put_into(*from, plane);
         let pieces = self.pieces()?;
         let mut here = *from;
         let mut shapes = Vec::with_capacity(pieces.len());
@@ -186,16 +224,15 @@ impl Curve {
     }
 
     /// The lines and arcs that follow it.
-    fn pieces(&self) -> Result<Vec<Piece>, CurveRefusal> {
+    fn pieces(&self) -> Result<Vec<Piece>, Refusal> {
         let steps = STEPS_PER_POINT * self.points.len();
         let parameter = |step: usize| self.last_parameter() * step as f64 / steps as f64;
-        let far = |mm: &f64| mm.is_nan() || mm.abs() > FARTHEST_MM;
-        if let Some(point) = self.points.iter().find(|point| point.at_mm.iter().any(far)) {
-            let [x, y] = point.at_mm;
-            return Err((
-                format!("a control point at {x} mm, {y} mm"),
-                format!("control points lie within {FARTHEST_MM} mm"),
-            ));
+        let far = |mm: f64| mm.is_nan() || mm.abs() > FARTHEST_MM;
+        let is_far = |point: &&ControlPoint| far(point.at_mm.u) || far(point.at_mm.v);
+        if let Some(point) = self.points.iter().find(is_far) {
+            let Flat { u: x, v: y } = point.at_mm;
+            let right = format!("control points lie within {FARTHEST_MM} mm");
+            return wrong(format!("a control point at {x} mm, {y} mm"), right);
         }
         let mut pieces = Vec::new();
         let mut tries = TRIES_MAX + TRIES_PER_STEP * steps;
@@ -204,10 +241,8 @@ impl Curve {
             self.follow(ends, HALVINGS_MAX, &mut tries, &mut pieces);
         }
         if tries == 0 {
-            return Err((
-                "a spline that bends too often".into(),
-                format!("no more than {} arcs follow it: split it", TRIES_MAX),
-            ));
+            let right = format!("no more than {} arcs follow it: split it", TRIES_MAX);
+            return wrong("a spline that bends too often", right);
         }
         Ok(pieces)
     }
@@ -273,15 +308,15 @@ impl Curve {
     }
 
     /// Where it is at a parameter, and its derivative there (de Boor's algorithm on the homogeneous points).
-    fn at(&self, parameter: f64) -> (Place, Place) {
+    fn at(&self, parameter: f64) -> (Flat, Flat) {
         let degree = self.order - 1;
         let last = self.last_parameter();
         let spans = last as usize;
         let span = (parameter.max(0.0) as usize).min(spans.saturating_sub(1));
         let mut work = [[0.0; 3]; ORDER_MAX];
         for (value, point) in work.iter_mut().zip(self.points.iter().skip(span)) {
-            let [x, y] = point.at_mm;
-            *value = [x * point.weight, y * point.weight, point.weight];
+            let Flat { u, v } = point.at_mm;
+            *value = [u * point.weight, v * point.weight, point.weight];
         }
         let mut slope = [0.0; 3];
         for round in 1..=degree {
@@ -301,11 +336,11 @@ impl Curve {
             }
         }
         let [x, y, weight] = work[degree];
-        let place = [x / weight, y / weight];
-        let along = [
-            (slope[0] - place[0] * slope[2]) / weight,
-            (slope[1] - place[1] * slope[2]) / weight,
-        ];
+        let place = Flat::new(x / weight, y / weight);
+        let along = Flat::new(
+            (slope[0] - place.u * slope[2]) / weight,
+            (slope[1] - place.v * slope[2]) / weight,
+        );
         (place, along)
     }
 
@@ -314,14 +349,14 @@ impl Curve {
     fn passed(&self, parameter: f64, other: f64) -> Passed {
         let (at, derivative) = self.at(parameter);
         let (across, _) = self.at(other);
-        let scale_mm = length(difference(across, at));
+        let scale_mm = (across - at).length();
         let near = parameter + (other - parameter) * 1e-3;
-        let along = if length(derivative) * (other - parameter).abs() > 1e-6 * scale_mm {
+        let along = if derivative.length() * (other - parameter).abs() > 1e-6 * scale_mm {
             derivative
         } else if other > parameter {
-            difference(self.at(near).0, at)
+            self.at(near).0 - at
         } else {
-            difference(at, self.at(near).0)
+            at - self.at(near).0
         };
         Passed {
             at,
@@ -332,13 +367,11 @@ impl Curve {
 
 impl Piece {
     /// How far a place is from it or from what continues it.
-    fn distance_mm(&self, place: Place) -> f64 {
+    fn distance_mm(&self, place: Flat) -> f64 {
         match *self {
-            Piece::Line { from, to } => {
-                cross(unit(difference(to, from)), difference(place, from)).abs()
-            }
+            Piece::Line { from, to } => unit(to - from).cross(place - from).abs(),
             Piece::Arc { from, centre, .. } => {
-                (length(difference(place, centre)) - length(difference(from, centre))).abs()
+                ((place - centre).length() - (from - centre).length()).abs()
             }
         }
     }
@@ -348,26 +381,19 @@ impl Piece {
 /// far round.
 fn biarc(from: &Passed, to: &Passed) -> Option<[Piece; 2]> {
     // The tangent length β at both ends: (2·t₀·t₁ − 2)·β² + 2·v·(t₀ + t₁)·β + v·v = 0, v from the end to the start.
-    let back = difference(from.at, to.at);
-    let square = 2.0 * (dot(from.along, to.along) - 1.0);
-    let linear = 2.0 * (dot(back, from.along) + dot(back, to.along));
-    let constant = dot(back, back);
+    let back = from.at - to.at;
+    let square = 2.0 * (from.along.dot(to.along) - 1.0);
+    let linear = 2.0 * (back.dot(from.along) + back.dot(to.along));
+    let constant = back.dot(back);
     let root = (linear * linear - 4.0 * square * constant).sqrt();
     let tangent_mm = 2.0 * constant / (root - linear);
-    let corner = |passed: &Passed, way: f64| {
-        let [x, y] = passed.at;
-        let [along_x, along_y] = passed.along;
-        [
-            x + way * tangent_mm * along_x,
-            y + way * tangent_mm * along_y,
-        ]
-    };
+    let corner = |passed: &Passed, way: f64| passed.at + passed.along * (way * tangent_mm);
     let [first, second] = [corner(from, 1.0), corner(to, -1.0)];
-    let joint = [
-        f64::midpoint(first[0], second[0]),
-        f64::midpoint(first[1], second[1]),
-    ];
-    let along_joint = unit(difference(second, joint));
+    let joint = Flat::new(
+        f64::midpoint(first.u, second.u),
+        f64::midpoint(first.v, second.v),
+    );
+    let along_joint = unit(second - joint);
     let pair = [
         arc_from(from, joint)?,
         arc_from(
@@ -382,11 +408,11 @@ fn biarc(from: &Passed, to: &Passed) -> Option<[Piece; 2]> {
 }
 
 /// The arc that leaves a place in its direction and leads to another.
-fn arc_from(start: &Passed, to: Place) -> Option<Piece> {
-    let chord = difference(to, start.at);
-    let (beside, ahead) = (cross(start.along, chord), dot(start.along, chord));
+fn arc_from(start: &Passed, to: Flat) -> Option<Piece> {
+    let chord = to - start.at;
+    let (beside, ahead) = (start.along.cross(chord), start.along.dot(chord));
     let sweep_rad = 2.0 * libm::atan2(beside, ahead);
-    let chord_mm = length(chord);
+    let chord_mm = chord.length();
     // Also refuses what is not a number.
     if !(chord_mm > 0.0 && sweep_rad.abs() <= SWEEP_MAX_RAD) {
         return None;
@@ -397,8 +423,7 @@ fn arc_from(start: &Passed, to: Place) -> Option<Piece> {
     }
     // Positive: the centre lies to the left.
     let radius_mm = chord_mm * chord_mm / (2.0 * beside);
-    let [along_x, along_y] = start.along;
-    let centre = [from[0] - along_y * radius_mm, from[1] + along_x * radius_mm];
+    let centre = from + start.along.left() * radius_mm;
     Some(Piece::Arc {
         from,
         to,
@@ -415,29 +440,11 @@ fn combined(before: [f64; 3], here: [f64; 3], how: impl Fn(f64, f64) -> f64) -> 
     ]
 }
 
-fn difference(to: Place, from: Place) -> Place {
-    [to[0] - from[0], to[1] - from[1]]
-}
-
-fn dot(one: Place, other: Place) -> f64 {
-    one[0] * other[0] + one[1] * other[1]
-}
-
-/// Positive if the other lies to the left of the one.
-fn cross(one: Place, other: Place) -> f64 {
-    one[0] * other[1] - one[1] * other[0]
-}
-
-fn length(place: Place) -> f64 {
-    libm::hypot(place[0], place[1])
-}
-
-/// Its direction; zero if it has none.
-fn unit(place: Place) -> Place {
-    let length = length(place);
+fn unit(of: Flat) -> Flat {
+    let length = of.length();
     if length > 0.0 {
-        [place[0] / length, place[1] / length]
+        Flat::new(of.u / length, of.v / length)
     } else {
-        place
+        of
     }
 }

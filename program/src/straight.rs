@@ -2,6 +2,8 @@
 //! the detour over words; whatever else a line holds is left to the reader of all lines.
 
 use crate::letters::AXIS_LETTERS;
+use crate::number::number;
+use crate::program::Setup;
 use crate::reader::Word;
 use crate::words::mask_of;
 
@@ -9,6 +11,49 @@ use crate::words::mask_of;
 const LETTERS: u32 = mask_of(AXIS_LETTERS) | FEED;
 /// F, as a bit.
 pub const FEED: u32 = mask_of("F");
+
+/// What a position may exceed the travel by and count as rounding: 1 nm.
+pub const TRAVEL_ROUNDING: f64 = 1e-6;
+
+/// What the axes of a machine are to straight motion.
+#[derive(Debug, Clone, Default)]
+pub struct Axes {
+    /// Their letters, as bits.
+    pub letters: u32,
+    /// Which of them turn; none does.
+    pub has_rotary: bool,
+    /// Which of them turn without end; none does.
+    pub has_endless: bool,
+    /// Each: the index of its letter, the lowest and the highest place.
+    pub each: Vec<(usize, f64, f64)>,
+}
+
+impl Axes {
+    /// The axes of a machine.
+    pub fn of(setup: &Setup) -> Self {
+        let letter_of = |letter: char| (letter as usize).wrapping_sub('A' as usize) % 26;
+        Self {
+            letters: setup
+                .axes
+                .iter()
+                .fold(0, |bits, axis| bits | 1 << letter_of(axis.letter)),
+            has_rotary: setup.axes.iter().any(|axis| axis.rotary),
+            has_endless: setup.axes.iter().any(|axis| axis.modulo),
+            each: setup
+                .axes
+                .iter()
+                .map(|axis| {
+                    let low = axis.travel_min - TRAVEL_ROUNDING;
+                    (
+                        letter_of(axis.letter),
+                        low,
+                        axis.travel_max + TRAVEL_ROUNDING,
+                    )
+                })
+                .collect(),
+        }
+    }
+}
 
 /// The words of a block of straight motion.
 #[derive(Debug, Clone, Copy, Default)]
@@ -83,60 +128,6 @@ impl Straight {
             self.take(letter, word.value, index == 0)
         })
     }
-}
-
-/// Powers of ten that are exact.
-const TENS: [f64; 23] = [
-    1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9, 1e10, 1e11, 1e12, 1e13, 1e14, 1e15, 1e16,
-    1e17, 1e18, 1e19, 1e20, 1e21, 1e22,
-];
-/// Whole numbers up to here are exact.
-const EXACT_MAX: u64 = 1 << 53;
-/// The most digits of one that is read here; more could wrap round.
-const DIGITS_MAX: usize = 18;
-/// The largest number, as that of all words.
-const NUMBER_MAX: f64 = 1e9;
-
-/// A number of few digits without blanks in it, and where it ends; none for others, and where a blank and a digit follow.
-///
-/// Its digits and its power of ten are exact, so that their quotient is the nearest number to the text.
-pub fn number(text: &[u8], start: usize) -> Option<(f64, usize)> {
-    let mut at = start;
-    let sign = text.get(at).copied();
-    if matches!(sign, Some(b'+' | b'-')) {
-        at += 1;
-    }
-    let (mut digits, mut count, mut behind_point) = (0u64, 0, None);
-    loop {
-        match text.get(at) {
-            Some(digit @ b'0'..=b'9') => {
-                digits = digits
-                    .wrapping_mul(10)
-                    .wrapping_add(u64::from(digit - b'0'));
-                count += 1;
-            }
-            Some(b'.') if behind_point.is_none() => behind_point = Some(count),
-            Some(b'.' | b' ' | b'\t') => {
-                let mut next = at;
-                while matches!(text.get(next), Some(b' ' | b'\t')) {
-                    next += 1;
-                }
-                if matches!(text.get(next), Some(b'0'..=b'9' | b'.')) {
-                    return None;
-                }
-                break;
-            }
-            _ => break,
-        }
-        at += 1;
-    }
-    if count == 0 || count > DIGITS_MAX || digits > EXACT_MAX {
-        return None;
-    }
-    let decimals = behind_point.map_or(0, |before| count - before);
-    let value = digits as f64 / TENS.get(decimals)?;
-    let value = if sign == Some(b'-') { -value } else { value };
-    (value.abs() <= NUMBER_MAX).then_some((value, at))
 }
 
 #[cfg(test)]

@@ -8,6 +8,8 @@ use std::sync::Arc;
 
 use xxhash_rust::xxh3::{Xxh3, xxh3_64};
 
+use crate::refusal::{Refusal, refuse};
+
 /// So many bytes are read at a time.
 const PIECE_BYTES: usize = 64 << 10;
 /// So many places of a file are kept: a program and the subroutines that it calls in turn.
@@ -16,32 +18,6 @@ const WINDOWS_MAX: usize = 4;
 const LINE_BYTES_MAX: usize = 1 << 20;
 /// What editors on Windows put before UTF-8 text.
 const BYTE_ORDER_MARK: &[u8] = b"\xEF\xBB\xBF";
-
-/// Why the next line cannot be read.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct TextError {
-    /// Byte offset in the line.
-    pub offset: usize,
-    /// What was found.
-    pub found: String,
-    /// What would be right.
-    pub right: String,
-}
-
-impl TextError {
-    pub fn new(offset: usize, found: impl Into<String>, right: &str) -> Self {
-        Self {
-            offset,
-            found: found.into(),
-            right: right.to_owned(),
-        }
-    }
-
-    fn of_reading(error: &io::Error) -> Self {
-        let found = format!("the file cannot be read on ({error})");
-        Self::new(0, found, "a file that stays where it is while it runs")
-    }
-}
 
 /// Length and hash of a text.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -82,7 +58,7 @@ impl Text {
 
     /// The bytes of the line that begins at a byte, without the line feed at its end, and where the next begins; none behind the last.
     /// A text that ends with a line feed has an empty last line.
-    pub fn bytes(&mut self, byte: u64) -> Result<Option<(&[u8], u64)>, TextError> {
+    pub fn bytes(&mut self, byte: u64) -> Result<Option<(&[u8], u64)>, Refusal> {
         let (line, behind) = match self {
             Text::Whole(whole) => {
                 let Some(rest) = whole.as_bytes().get(byte as usize..) else {
@@ -102,7 +78,7 @@ impl Text {
     }
 
     /// The same as text, without its line end.
-    pub fn line(&mut self, byte: u64) -> Result<Option<(&str, u64)>, TextError> {
+    pub fn line(&mut self, byte: u64) -> Result<Option<(&str, u64)>, Refusal> {
         if let Text::Whole(whole) = self {
             let Some(rest) = whole.get(byte as usize..) else {
                 return Ok(None);
@@ -119,7 +95,7 @@ impl Text {
     }
 
     /// Length and hash, all of it read.
-    pub fn hash(&self) -> Result<TextHash, TextError> {
+    pub fn hash(&self) -> Result<TextHash, Refusal> {
         match self {
             Text::Whole(whole) => Ok(hash_of(whole.as_bytes())),
             Text::File(file) => file.hash(),
@@ -136,22 +112,18 @@ impl Text {
 }
 
 /// A line without its line end, as text.
-pub fn text_of(line: &[u8]) -> Result<&str, TextError> {
+pub fn text_of(line: &[u8]) -> Result<&str, Refusal> {
     let line = line.strip_suffix(b"\r").unwrap_or(line);
     let text = std::str::from_utf8(line).map_err(|error| {
         let offset = error.valid_up_to();
         let byte = line.get(offset).copied().unwrap_or_default();
         let found = format!("byte 0x{byte:02X} is not UTF-8 text");
-        TextError::new(offset, found, "save the program as plain text, UTF-8")
+        Refusal::new(offset, found, "save the program as plain text, UTF-8")
     })?;
     match memchr::memchr(0, line) {
         Some(offset) => {
             let right = "a program is plain text, UTF-8";
-            Err(TextError::new(
-                offset,
-                "a byte that is zero: a binary file",
-                right,
-            ))
+            refuse(offset, "a byte that is zero: a binary file", right)
         }
         None => Ok(text),
     }
@@ -221,7 +193,7 @@ impl FileText {
     }
 
     /// The bytes of the line that begins at a byte.
-    fn bytes(&mut self, byte: u64) -> Result<Option<&[u8]>, TextError> {
+    fn bytes(&mut self, byte: u64) -> Result<Option<&[u8]>, Refusal> {
         if byte > self.length {
             return Ok(None);
         }
@@ -243,7 +215,7 @@ impl FileText {
     }
 
     /// Brings the line that begins at a byte into the first window; its length.
-    fn fill(&mut self, byte: u64) -> Result<usize, TextError> {
+    fn fill(&mut self, byte: u64) -> Result<usize, Refusal> {
         let holds = |window: &Window| window.from(byte).is_some();
         let found = self.windows.iter().position(holds);
         match found {
@@ -275,7 +247,7 @@ impl FileText {
     }
 
     /// Reads the next bytes into the first window, and forgets those before `byte`.
-    fn read_on(&mut self, byte: u64) -> Result<(), TextError> {
+    fn read_on(&mut self, byte: u64) -> Result<(), Refusal> {
         self.check_unchanged()?;
         let Some(window) = self.windows.first_mut() else {
             return Ok(());
@@ -286,7 +258,7 @@ impl FileText {
         let held = window.bytes.len();
         if held > LINE_BYTES_MAX {
             let found = format!("a line of more than {LINE_BYTES_MAX} bytes");
-            return Err(TextError::new(0, found, "a program is text by lines"));
+            return refuse(0, found, "a program is text by lines");
         }
         window.bytes.resize(held + PIECE_BYTES, 0);
         let at = self.skipped + byte + held as u64;
@@ -294,21 +266,21 @@ impl FileText {
         let read = self.file.read_at(to, at);
         let count = *read.as_ref().unwrap_or(&0);
         window.bytes.truncate(held + count);
-        read.map_err(|error| TextError::of_reading(&error))?;
+        read.map_err(unread)?;
         if count == 0 {
-            return Err(self.shorter(window_end(held, byte)));
+            return Err(self.shorter(byte + held as u64));
         }
         Ok(())
     }
 
-    fn shorter(&self, end: u64) -> TextError {
+    fn shorter(&self, end: u64) -> Refusal {
         let found = format!("the file ends after {end} bytes; it had {}", self.length);
-        TextError::new(0, found, "a file that is left as it is while it is read")
+        Refusal::new(0, found, "a file that is left as it is while it is read")
     }
 
-    fn check_unchanged(&self) -> Result<(), TextError> {
+    fn check_unchanged(&self) -> Result<(), Refusal> {
         let now = self.file.metadata();
-        let now = now.map_err(|error| TextError::of_reading(&error))?;
+        let now = now.map_err(unread)?;
         if now.len() < self.skipped + self.length {
             return Err(self.shorter(now.len()));
         }
@@ -317,18 +289,18 @@ impl FileText {
         {
             let right = "a file that is left as it is while it is read";
             let found = "the file was changed while it was read";
-            return Err(TextError::new(0, found, right));
+            return refuse(0, found, right);
         }
         Ok(())
     }
 
-    fn hash(&self) -> Result<TextHash, TextError> {
+    fn hash(&self) -> Result<TextHash, Refusal> {
         let mut hash = Xxh3::new();
         let mut piece = vec![0; 4 * PIECE_BYTES];
         let mut done = 0;
         while done < self.length {
             let read = self.file.read_at(&mut piece, self.skipped + done);
-            let count = read.map_err(|error| TextError::of_reading(&error))?;
+            let count = read.map_err(unread)?;
             let left = usize::try_from(self.length - done).unwrap_or(usize::MAX);
             let bytes = piece.get(..count.min(left)).unwrap_or_default();
             if bytes.is_empty() {
@@ -345,8 +317,9 @@ impl FileText {
     }
 }
 
-fn window_end(held: usize, byte: u64) -> u64 {
-    byte + held as u64
+fn unread(error: io::Error) -> Refusal {
+    let found = format!("the file cannot be read on ({error})");
+    Refusal::new(0, found, "a file that stays where it is while it runs")
 }
 
 #[cfg(test)]

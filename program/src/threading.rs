@@ -2,6 +2,9 @@
 
 use path::geometry::AxisVector;
 
+use crate::codes::g_codes;
+use crate::refusal::Refusal;
+
 #[cfg(test)]
 mod tests;
 
@@ -22,8 +25,28 @@ pub enum Move {
     },
 }
 
-/// What is wrong with a thread, the letter of the word if it is one, and what would be right.
-pub type ThreadRefusal = (Option<char>, String, String);
+g_codes! {
+    /// A motion in step with the spindle.
+    pub enum InStep {
+        /// G33.
+        Line = 330,
+        /// G33.1.
+        RigidTap = 331,
+        /// G76.
+        Thread = 760,
+    }
+}
+
+impl InStep {
+    /// The letters it makes use of, beside those of the axes.
+    pub fn letters(self) -> &'static str {
+        match self {
+            InStep::Line => "K$",
+            InStep::RigidTap => "KI$",
+            InStep::Thread => "PIJKRQHEL$",
+        }
+    }
+}
 
 /// A G76 block, its words understood; lengths are radii, also in G7.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -62,7 +85,7 @@ pub struct Threading {
 
 impl Threading {
     /// The passes, and the way to the end.
-    pub fn moves(&self) -> Result<Vec<Move>, ThreadRefusal> {
+    pub fn moves(&self) -> Result<Vec<Move>, (char, Refusal)> {
         self.check()?;
         let crest = self.crest.abs();
         let full = self.depth + crest;
@@ -87,68 +110,46 @@ impl Threading {
     }
 
     /// What LinuxCNC's documentation calls an error of G76, and what no lathe could cut.
-    fn check(&self) -> Result<(), ThreadRefusal> {
-        let refuse = |letter: Option<char>, found: String, right: &str| {
-            Err((letter, found, right.to_owned()))
-        };
+    fn check(&self) -> Result<(), (char, Refusal)> {
+        let refuse =
+            |letter: char, found: String, right: &str| Err((letter, Refusal::new(0, found, right)));
         let length_mm = self.length_mm().abs();
         if self.pitch_mm <= 0.0 {
-            return refuse(
-                Some('P'),
-                format!("a thread of pitch {} mm", self.pitch_mm),
-                "P, the pitch, is above 0",
-            );
+            let found = format!("a thread of pitch {} mm", self.pitch_mm);
+            return refuse('P', found, "P, the pitch, is above 0");
         }
         if self.crest == 0.0 {
             let right = "I leads from the tool to the crest: below 0 outside, above 0 in a bore";
-            return refuse(
-                Some('I'),
-                "a thread whose crest is at the tool".into(),
-                right,
-            );
+            return refuse('I', "a thread whose crest is at the tool".into(), right);
         }
-        if self.first_cut <= 0.0 || self.depth <= self.first_cut {
-            let found = format!(
-                "a thread {} deep whose first cut is {}",
-                self.depth, self.first_cut
-            );
-            return refuse(
-                Some('J'),
-                found,
-                "J, the first cut, is above 0 and less than K, the full depth",
-            );
+        let (first_cut, depth) = (self.first_cut, self.depth);
+        if first_cut <= 0.0 || depth <= first_cut {
+            let found = format!("a thread {depth} deep whose first cut is {first_cut}");
+            let right = "J, the first cut, is above 0 and less than K, the full depth";
+            return refuse('J', found, right);
         }
         if self.slide_deg.is_nan() || self.slide_deg.abs() >= 90.0 {
             let found = format!("passes that slide along a flank at {}°", self.slide_deg);
-            return refuse(Some('Q'), found, "Q is less than 90°, such as 29.5");
+            return refuse('Q', found, "Q is less than 90°, such as 29.5");
         }
         if self.taper_mm < 0.0 || 2.0 * self.taper_mm > length_mm {
             let found = format!("tapers of {} mm on {length_mm} mm of thread", self.taper_mm);
-            return refuse(
-                Some('E'),
-                found,
-                "E is 0 or more and at most half the way along Z",
-            );
+            let right = "E is 0 or more and at most half the way along Z";
+            return refuse('E', found, right);
         }
         if self.degression < 1.0 {
             let found = format!("a degression of {}", self.degression);
-            return refuse(
-                Some('R'),
-                found,
-                "R is 1 for equal cuts, above 1 for shallower ones",
-            );
+            let right = "R is 1 for equal cuts, above 1 for shallower ones";
+            return refuse('R', found, right);
         }
         if length_mm == 0.0 {
-            return refuse(
-                Some('Z'),
-                "a thread without length".into(),
-                "Z is where the thread ends: away from where the tool is",
-            );
+            let right = "Z is where the thread ends: away from where the tool is";
+            return refuse('Z', "a thread without length".into(), right);
         }
         let passes = self.cuts() + f64::from(self.spring_passes);
         if passes.is_nan() || passes > PASSES_MAX {
             let right = format!("at most {PASSES_MAX} passes: raise J, lower R or H");
-            return Err((Some('J'), "a thread of too many passes".into(), right));
+            return refuse('J', "a thread of too many passes".into(), &right);
         }
         Ok(())
     }
@@ -206,18 +207,5 @@ impl Threading {
             moves.push(cut(at(depth_mm, end_mm), self.pitch_mm));
         }
         moves.push(Move::Rapid(at(clear_mm, end_mm)));
-    }
-}
-
-/// G33: to a place in step with the spindle.
-pub fn synchronised(to: AxisVector, mm_per_rev: f64) -> Result<Move, ThreadRefusal> {
-    if mm_per_rev > 0.0 {
-        Ok(Move::Synchronised { to, mm_per_rev })
-    } else {
-        Err((
-            Some('K'),
-            format!("a motion of {mm_per_rev} mm for each turn of the spindle"),
-            "K, the way for each turn, is above 0".to_owned(),
-        ))
     }
 }

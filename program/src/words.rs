@@ -1,30 +1,13 @@
 //! The words of one block, sorted by modal group; what is unknown, repeated or in conflict is refused here.
 
+use std::ops::RangeInclusive;
+
+use crate::codes::shown_code;
 use crate::error::PROBLEMS_MAX;
 use crate::letters::AXIS_LETTERS;
 use crate::program::Setup;
 use crate::reader::{Line, Word};
-
-/// One reason to refuse a block.
-#[derive(Debug)]
-pub struct Refusal {
-    pub offset: usize,
-    pub found: String,
-    pub right: String,
-    /// Position and modes behind the block are known all the same: later blocks can be judged by them.
-    pub state_stays_known: bool,
-}
-
-impl Refusal {
-    pub fn new(offset: usize, found: impl Into<String>, right: impl Into<String>) -> Self {
-        Self {
-            offset,
-            found: found.into(),
-            right: right.into(),
-            state_stays_known: false,
-        }
-    }
-}
+use crate::refusal::{Refusal, if_none, refuse};
 
 /// Modal groups (NIST table 4; LinuxCNC manual, *G Code Modal Groups*). One code of each may be in a block.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -57,6 +40,17 @@ pub enum Group {
     User,
 }
 
+/// Groups of codes that say how later words are read.
+pub const READ_BY: [Group; 7] = [
+    Group::Plane,
+    Group::Units,
+    Group::Diameter,
+    Group::PathControl,
+    Group::Distance,
+    Group::ArcDistance,
+    Group::CycleReturn,
+];
+
 const GROUPS: usize = Group::User as usize + 1;
 
 /// A to Z, then `@`, `^`, `$`.
@@ -77,7 +71,6 @@ impl Default for Words {
             letter: ' ',
             value: 0.0,
             offset: 0,
-            end: 0,
         };
         Self {
             codes: [None; GROUPS],
@@ -87,12 +80,12 @@ impl Default for Words {
     }
 }
 
-/// Where the value of a letter is kept.
-fn index_of(letter: char) -> usize {
+/// The place of a letter among the values.
+const fn index_of(letter: u8) -> usize {
     match letter {
-        'A'..='Z' => letter as usize - 'A' as usize,
-        '@' => 26,
-        '^' => 27,
+        b'A'..=b'Z' => (letter - b'A') as usize,
+        b'@' => 26,
+        b'^' => 27,
         _ => 28,
     }
 }
@@ -102,13 +95,7 @@ pub const fn mask_of(letters: &str) -> u32 {
     let bytes = letters.as_bytes();
     let (mut mask, mut at) = (0, 0);
     while at < bytes.len() {
-        let index = match bytes[at] {
-            byte @ b'A'..=b'Z' => byte - b'A',
-            b'@' => 26,
-            b'^' => 27,
-            _ => 28,
-        };
-        mask |= 1 << index;
+        mask |= 1 << index_of(bytes[at]);
         at += 1;
     }
     mask
@@ -126,11 +113,32 @@ impl Words {
     }
 
     pub fn value(&self, letter: char) -> Option<Word> {
-        let index = index_of(letter);
+        let index = index_of(letter as u8);
         if self.present & (1 << index) == 0 {
             return None;
         }
         self.values.get(index).copied()
+    }
+
+    /// Where a word stands, or in its place the one that needs it.
+    pub fn place(&self, letter: char, otherwise: usize) -> usize {
+        self.value(letter).map_or(otherwise, |word| word.offset)
+    }
+
+    /// The value of a word that counts something, such as "holes are a whole number"; none without the word.
+    pub fn whole(
+        &self,
+        letter: char,
+        what: &str,
+        range: RangeInclusive<f64>,
+    ) -> Result<Option<u32>, Refusal> {
+        match self.value(letter) {
+            Some(word) if range.contains(&word.value) && word.value.fract() == 0.0 => {
+                Ok(Some(word.value as u32))
+            }
+            Some(word) => word.refuse(format!("{what} from {} to {}", range.start(), range.end())),
+            None => Ok(None),
+        }
     }
 
     /// The first word of any of these letters.
@@ -156,13 +164,13 @@ impl Words {
     }
 
     /// Takes a value away: somebody has made use of it.
-    pub fn remove(&mut self, letter: char) {
-        self.present &= !(1 << index_of(letter));
+    pub fn remove(&mut self, letters: &str) {
+        self.present &= !mask_of(letters);
     }
 
     /// Puts a value in, in place of the one that is there.
     pub fn insert(&mut self, word: Word) {
-        let index = index_of(word.letter);
+        let index = index_of(word.letter as u8);
         if let Some(slot) = self.values.get_mut(index) {
             *slot = word;
             self.present |= 1 << index;
@@ -179,22 +187,14 @@ impl Words {
         self.clear();
         let mut refusals = Vec::new();
         for (index, &word) in block.words.iter().enumerate() {
-            match self.sort_word(index, word, setup) {
-                Ok(()) => {}
-                Err(refusal) => refusals.push(refusal),
-            }
+            refusals.extend(self.sort_word(index, word, setup).err());
             if refusals.len() > PROBLEMS_MAX {
                 break;
             }
         }
-        if let Some(word) = self.stray_axis(setup) {
-            refusals.push(no_axis(word, setup));
-        }
-        if refusals.is_empty() {
-            Ok(())
-        } else {
-            Err(refusals)
-        }
+        let stray = self.stray_axis(setup);
+        refusals.extend(stray.and_then(|word| no_axis(word, setup).err()));
+        if_none(refusals)
     }
 
     /// U or W on a machine without such an axis, but for G71 and G72, where they shift the profile.
@@ -208,16 +208,14 @@ impl Words {
 
     /// Puts a G or M word into its modal group.
     fn sort_code(&mut self, word: Word) -> Result<(), Refusal> {
-        let Word { letter, value, .. } = word;
-        let refuse = |found: String, right: String| Err(Refusal::new(word.offset, found, right));
-        let shown = format_args!("{letter}{value}");
-        let number = code_number(value);
+        let letter = word.letter;
+        let number = code_number(word.value);
         let group = number.and_then(|number| group_of(letter, number));
         let (Some(group), Some(number)) = (group, number) else {
             let right = number
                 .and_then(|number| why_not(letter, number))
                 .unwrap_or("no such code is known: see the table of words in the manual");
-            return refuse(shown.to_string(), right.to_owned());
+            return word.refuse(right);
         };
         if let Some((other, of_other)) = self.code(group) {
             // G80 beside another motion: that motion ends the cycles by itself (NIST §3.5.16).
@@ -227,13 +225,10 @@ impl Words {
                 }
                 return Ok(());
             }
-            let found = format!(
-                "{}{} and {letter}{value} in one block",
-                of_other.letter,
-                shown_code(other)
-            );
+            let other = shown_code(other);
+            let found = format!("{}{other} and {word} in one block", of_other.letter);
             let right = "these exclude each other: one of them, once, in a block";
-            return refuse(found, right.to_owned());
+            return refuse(word.offset, found, right);
         }
         self.set_code(group, number, word);
         Ok(())
@@ -250,70 +245,50 @@ impl Words {
             letter,
             value,
             offset,
-            ..
         } = word;
-        let refuse = |found: String, right: &str| Err(Refusal::new(offset, found, right));
         match letter {
             'G' | 'M' => return self.sort_code(word),
             'N' => return check_line_number(index, word),
-            'F' if value < 0.0 => return refuse(format!("F{value}"), "a feed is 0 (none) or more"),
-            'S' if value < 0.0 => {
-                return refuse(format!("S{value}"), "a spindle speed is 0 or more");
-            }
+            'F' if value < 0.0 => return word.refuse("a feed is 0 (none) or more"),
+            'S' if value < 0.0 => return word.refuse("a spindle speed is 0 or more"),
             'T' | 'H' | 'D' if value < 0.0 || (letter != 'D' && value.fract() != 0.0) => {
-                return refuse(
-                    format!("{letter}{value}"),
-                    "the number of a tool is a whole number from 0",
-                );
+                return word.refuse("the number of a tool is a whole number from 0");
             }
             axis if AXIS_LETTERS.contains(axis)
                 && !"UW".contains(axis)
                 && setup.axis_index(axis).is_none() =>
             {
-                return Err(no_axis(word, setup));
+                return no_axis(word, setup);
             }
             'O' => {
-                return refuse(
-                    "O behind other words".into(),
-                    "an O-word stands alone in its block",
-                );
+                let right = "an O-word stands alone in its block";
+                return refuse(offset, "O behind other words", right);
             }
             _ => {}
         }
         if self.value(letter).is_some() {
-            return refuse(
-                format!("{letter} twice in one block"),
-                "each of these letters once in a block",
-            );
+            let found = format!("{letter} twice in one block");
+            return refuse(offset, found, "each of these letters once in a block");
         }
         self.insert(word);
         Ok(())
     }
 }
 
-fn no_axis(word: Word, setup: &Setup) -> Refusal {
-    let has: Vec<String> = setup
-        .axes
-        .iter()
-        .map(|axis| axis.letter.to_string())
-        .collect();
-    Refusal::new(
-        word.offset,
-        format!("{}{}", word.letter, word.value),
-        format!("this machine has the axes {}", has.join(" ")),
-    )
+fn no_axis(word: Word, setup: &Setup) -> Result<(), Refusal> {
+    let letters = setup.axes.iter().map(|axis| axis.letter.to_string());
+    let has: Vec<String> = letters.collect();
+    word.refuse(format!("this machine has the axes {}", has.join(" ")))
 }
 
 /// N may be there, in its place; nothing uses it.
 fn check_line_number(index: usize, word: Word) -> Result<(), Refusal> {
-    let value = word.value;
     if index != 0 {
         let right = "a line number is the first word of its block";
-        return Err(Refusal::new(word.offset, "N after other words", right));
+        return refuse(word.offset, "N after other words", right);
     }
-    if value < 0.0 {
-        let right = "a line number is 0 or more";
-        return Err(Refusal::new(word.offset, format!("N{value}"), right));
+    if word.value < 0.0 {
+        return word.refuse("a line number is 0 or more");
     }
     Ok(())
 }
@@ -325,16 +300,8 @@ fn code_number(value: f64) -> Option<u32> {
     exact.then_some(tenfold as u32)
 }
 
-pub fn shown_code(number: u32) -> String {
-    if number.is_multiple_of(10) {
-        (number / 10).to_string()
-    } else {
-        format!("{}.{}", number / 10, number % 10)
-    }
-}
-
 /// Modal group of a supported code, given ten times its number.
-fn group_of(letter: char, number: u32) -> Option<Group> {
+pub fn group_of(letter: char, number: u32) -> Option<Group> {
     Some(match (letter, number) {
         ('G', 40 | 100 | 280 | 281 | 300 | 301 | 520 | 920..=923) => Group::Once,
         ('G', 530) => Group::MachineCoordinates,
@@ -365,6 +332,35 @@ fn group_of(letter: char, number: u32) -> Option<Group> {
         ('M', 1000..=1990) if number.is_multiple_of(10) => Group::User,
         _ => return None,
     })
+}
+
+/// The words of modes that a program can begin with; none for each other word.
+pub fn mode_words(modes: &str) -> impl Iterator<Item = Option<(char, f64)>> {
+    modes.split_whitespace().map(|word| {
+        let letter = word.chars().next()?;
+        let value: f64 = word.get(letter.len_utf8()..)?.parse().ok()?;
+        let code = (value * 10.0).round() as u32;
+        let known = match letter {
+            'F' | 'S' | 'P' | 'Q' => true,
+            'M' => matches!(code, 30 | 40 | 70 | 80),
+            'G' => match group_of('G', code) {
+                Some(Group::Motion) => matches!(code, 0 | 10 | 20 | 30 | 800),
+                Some(Group::CutterCompensation) => code == 400,
+                Some(Group::SpindleMode) => code == 970,
+                Some(Group::FeedMode | Group::WorkOffset) => true,
+                Some(group) => READ_BY.contains(&group),
+                None => false,
+            },
+            _ => false,
+        };
+        (known && (0.0..1e9).contains(&value)).then_some((letter, value))
+    })
+}
+
+/// The first word that is no mode.
+pub fn unknown_mode(modes: &str) -> Option<&str> {
+    let mut words = modes.split_whitespace().zip(mode_words(modes));
+    words.find_map(|(word, known)| known.is_none().then_some(word))
 }
 
 /// Why a code that machinists know is refused, and what to do instead.

@@ -229,7 +229,7 @@ fn load_path(
     let said = given.map(|(answer, probes)| Answer::said(machine, answer, *probes));
     let said: Vec<Answer> = said.collect::<Result<_, _>>().map_err(ResumeError::from)?;
     let short = |said: &[Answer]| {
-        program::load_if_short_knowing(machine, positions, &file, program::SHORT_ELEMENTS, said)
+        program::load_if_short(machine, positions, &file, program::SHORT_ELEMENTS, said)
     };
     // The last answer may be the one that ended the program; a log with gaps may lack one in between.
     let all_but_last = said.split_last().map_or(&[][..], |(_, others)| others);
@@ -241,7 +241,7 @@ fn load_path(
             notes: program.notes,
         });
     }
-    let along = Along::open_knowing(machine, positions, &file, &said)?;
+    let along = Along::open(machine, positions, &file, &said)?;
     let source_hash = along.source_hash();
     Ok(Read {
         path: RunPath::Near(Box::new(along)),

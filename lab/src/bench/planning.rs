@@ -113,7 +113,7 @@ fn measure(machine: &Machine, start: [i64; MAX_AXES], file: &Path) -> anyhow::Re
         elements = survey.elements;
     }
     let windows = if elements <= WINDOWS_ELEMENTS_MAX {
-        let program = program::load_from(machine, &start, file)?;
+        let program = program::load_from(machine, &start, file, &[])?;
         let (mut planner, _) = planner::course(machine, program)?;
         Some(windows(machine, &mut planner)?)
     } else {

@@ -16,17 +16,14 @@ enum Joint {
 
 impl<T: Clone, E> Compensation<T, E> {
     /// The lead-in by a line: more than a radius long, ending beside its end.
-    pub(super) fn lead_in(&mut self, next: Move<T>, to: Flat) -> Result<(), Gouge> {
+    pub(super) fn lead_in(&mut self, next: Move<T>, to: Flat) -> Result<(), Refusal> {
         let start = Flat::of(&self.centre, self.plane);
         let length_mm = (to - start).length();
         let right = "begin with a straight move in the plane that is longer than the tool radius";
         let too_short = || {
-            let found = format!(
-                "a lead-in of {} mm for a tool radius of {} mm",
-                shown(length_mm),
-                shown(self.radius_mm)
-            );
-            Gouge::new(found, right)
+            let (length, radius) = (shown(length_mm), shown(self.radius_mm));
+            let found = format!("a lead-in of {length} mm for a tool radius of {radius} mm");
+            Refusal::new(0, found, right)
         };
         if length_mm <= self.radius_mm {
             return Err(too_short());
@@ -52,7 +49,7 @@ impl<T: Clone, E> Compensation<T, E> {
         mut next: Move<T>,
         to: Flat,
         out: &mut Vec<Step<T, E>>,
-    ) -> Result<(), Gouge> {
+    ) -> Result<(), Refusal> {
         let Way::Arc {
             centre,
             clockwise,
@@ -65,13 +62,9 @@ impl<T: Clone, E> Compensation<T, E> {
         let right =
             "a lead-in arc reaches farther than the tool radius, and the tool fits inside it";
         let refuse = |what: &str| {
-            Gouge::new(
-                format!(
-                    "a lead-in arc {what} for a tool radius of {} mm",
-                    shown(self.radius_mm)
-                ),
-                right,
-            )
+            let radius = shown(self.radius_mm);
+            let found = format!("a lead-in arc {what} for a tool radius of {radius} mm");
+            Refusal::new(0, found, right)
         };
         if (to - start).length() <= self.radius_mm {
             return Err(refuse("too short"));
@@ -83,13 +76,12 @@ impl<T: Clone, E> Compensation<T, E> {
         if inside && (centre - start).length() <= self.radius_mm {
             return Err(refuse("too tight"));
         }
-        let end = to
-            + inward
-                * if inside {
-                    self.radius_mm
-                } else {
-                    -self.radius_mm
-                };
+        let signed_mm = if inside {
+            self.radius_mm
+        } else {
+            -self.radius_mm
+        };
+        let end = to + inward * signed_mm;
         let centre = tangent_centre(start, end, inward)
             .ok_or_else(|| refuse("that cannot be tangent there"))?;
         next.way = Way::Arc {
@@ -118,10 +110,10 @@ impl<T: Clone, E> Compensation<T, E> {
     }
 
     /// A move without motion in the plane: it stays behind the move before, wherever that will end.
-    pub(super) fn move_across(&mut self, mut next: Move<T>) -> Result<(), Gouge> {
+    pub(super) fn move_across(&mut self, mut next: Move<T>) -> Result<(), Refusal> {
         next.to = Flat::of(&self.centre, self.plane).put_into(next.to, self.plane);
         self.centre = next.to;
-        self.wait(Waiting::Move(next))
+        self.wait(Step::Move(next))
     }
 
     /// A straight move behind another.
@@ -132,8 +124,8 @@ impl<T: Clone, E> Compensation<T, E> {
         from: Flat,
         to: Flat,
         out: &mut Vec<Step<T, E>>,
-    ) -> Result<(), Gouge> {
-        let too_short = || Gouge::new("a move that is too short".into(), "leave it out");
+    ) -> Result<(), Refusal> {
+        let too_short = || Refusal::new(0, "a move that is too short", "leave it out");
         let along = (to - from).unit().ok_or_else(too_short)?;
         let beside = self.beside(along) * self.radius_mm;
         let joint = self.joint(&last, along, None);
@@ -172,7 +164,7 @@ impl<T: Clone, E> Compensation<T, E> {
         from: Flat,
         to: Flat,
         out: &mut Vec<Step<T, E>>,
-    ) -> Result<(), Gouge> {
+    ) -> Result<(), Refusal> {
         let Way::Arc {
             centre,
             clockwise,
@@ -181,12 +173,8 @@ impl<T: Clone, E> Compensation<T, E> {
         else {
             return Ok(());
         };
-        let no_radius = || {
-            Gouge::new(
-                "an arc of radius zero".into(),
-                "a centre away from its ends",
-            )
-        };
+        let right = "a centre away from its ends";
+        let no_radius = || Refusal::new(0, "an arc of radius zero", right);
         let [spoke, end_spoke] = [from - centre, to - centre];
         let outward = spoke.unit().ok_or_else(no_radius)?;
         let end_outward = end_spoke.unit().ok_or_else(no_radius)?;
@@ -236,7 +224,7 @@ impl<T: Clone, E> Compensation<T, E> {
     }
 
     /// Refuses an arc that the tool does not fit inside.
-    fn check_fits_inside(&self, arc_radius_mm: f64) -> Result<(), Gouge> {
+    fn check_fits_inside(&self, arc_radius_mm: f64) -> Result<(), Refusal> {
         if arc_radius_mm > self.radius_mm {
             return Ok(());
         }
@@ -245,15 +233,15 @@ impl<T: Clone, E> Compensation<T, E> {
             shown(self.radius_mm),
             shown(arc_radius_mm)
         );
-        Err(Gouge::new(found, "a smaller tool, or a larger arc"))
+        wrong(found, "a smaller tool, or a larger arc")
     }
 
     /// Lets a move wait that ends here, for now.
-    fn go_on(&mut self, mut next: Move<T>, end: Flat, last: Last) -> Result<(), Gouge> {
+    fn go_on(&mut self, mut next: Move<T>, end: Flat, last: Last) -> Result<(), Refusal> {
         next.to = end.put_into(next.to, self.plane);
         self.centre = next.to;
         self.last = Some(last);
-        self.wait(Waiting::Move(next))
+        self.wait(Step::Move(next))
     }
 
     /// How the next move, in this direction at its start, joins the last; `arc_inside` says of an arc that the tool is
@@ -305,7 +293,7 @@ impl<T: Clone, E> Compensation<T, E> {
         last: &Last,
         meeting: Option<Flat>,
         out: &mut Vec<Step<T, E>>,
-    ) -> Result<Flat, Gouge> {
+    ) -> Result<Flat, Refusal> {
         let end = meeting.unwrap_or_else(|| Flat::of(&self.centre, self.plane));
         self.settle(last, end, meeting.is_some())?;
         self.release(meeting, out);
@@ -320,7 +308,7 @@ impl<T: Clone, E> Compensation<T, E> {
         next: &Move<T>,
         strict: bool,
         out: &mut Vec<Step<T, E>>,
-    ) -> Result<Flat, Gouge> {
+    ) -> Result<Flat, Refusal> {
         self.settle(last, Flat::of(&self.centre, self.plane), strict)?;
         self.release(None, out);
         let mut round = next.clone();
@@ -404,12 +392,12 @@ impl<T: Clone, E> Compensation<T, E> {
         }
     }
 
-    fn does_not_reach(&self, what: &str) -> Gouge {
+    fn does_not_reach(&self, what: &str) -> Refusal {
         let found = format!(
             "the tool radius {} mm does not fit the inside corner before this {what}",
             shown(self.radius_mm)
         );
-        Gouge::new(found, "a smaller tool, or a wider corner")
+        Refusal::new(0, found, "a smaller tool, or a wider corner")
     }
 }
 

@@ -36,7 +36,7 @@ fn arc(centre: (f64, f64), clockwise: bool) -> Way {
 }
 
 /// The moves of a contour, each numbered, with the end of the compensation.
-fn followed(mut path: Path, moves: &[(AxisVector, Way)]) -> Result<Steps, Gouge> {
+fn followed(mut path: Path, moves: &[(AxisVector, Way)]) -> Result<Steps, Refusal> {
     let mut steps = Vec::new();
     for (index, &(to, way)) in moves.iter().enumerate() {
         path.push(step(to, way, index), &mut steps)?;

@@ -116,7 +116,7 @@ fn each_cycle_makes_the_steps_of_the_reference_interpreter() {
         (Cycle::BoreAndDwell, None, "F 1 2 -10 | W 0.5 | F 1 2 10"),
     ];
     for (cycle, turning, expected) in table {
-        assert_eq!(steps(cycle, turning), expected, "{}", cycle.code());
+        assert_eq!(steps(cycle, turning), expected, "{cycle}");
     }
 }
 
@@ -149,6 +149,6 @@ fn a_spindle_that_turns_wrongly_or_stands_is_refused_where_the_cycle_needs_it() 
         (Cycle::BoreAndDwell, [true, true, true]),
     ] {
         let found = [None, CW, CCW].map(|turning| cycle.refused_spindle(turning).is_none());
-        assert_eq!(found, allowed, "{}", cycle.code());
+        assert_eq!(found, allowed, "{cycle}");
     }
 }

@@ -1,12 +1,12 @@
 //! The profile of a lathe cycle: the lines of the subroutine that Q names, read but not executed.
 
-use super::{Execution, refused_text};
+use super::Execution;
 use crate::flow::{Keyword, label_of};
 use crate::reader::{Line, Word, read_line};
+use crate::refusal::{Refusal, refuse};
 use crate::roughing::PIECES_MAX;
 use crate::source::Spot;
-use crate::text::TextError;
-use crate::words::{Refusal, Words};
+use crate::words::Words;
 
 /// The lines of a subroutine between its first and its last.
 struct Body {
@@ -24,45 +24,34 @@ impl Execution {
         words: &Words,
         word: Word,
     ) -> Result<(), Vec<Refusal>> {
-        let one = |refusal| vec![refusal];
         let Some(q) = words.value('Q') else {
             let found = format!("G{} without Q", word.value);
             let right = "the subroutine that holds its profile, such as Q100 for O100 sub";
-            return Err(one(Refusal::new(word.offset, found, right)));
+            return refuse(word.offset, found, right);
         };
         let label = label_of(q.value).unwrap_or_default();
-        let body = self
-            .body(&label)
-            .map_err(|error| one(refused_text(q.offset, error)))?;
+        let body = self.body(&label).map_err(|error| error.at(q.offset))?;
         let Some(body) = body else {
-            let found = format!("Q{}: there is no such subroutine", q.value);
+            let found = format!("{q}: there is no such subroutine");
             let right = "the number of a subroutine that holds the profile: O100 sub … O100 endsub";
-            return Err(one(Refusal::new(q.offset, found, right)));
+            return refuse(q.offset, found, right);
         };
         let lines = body.end - body.start.line;
         if lines > PIECES_MAX {
             let found = format!("a profile of {lines} lines");
-            return Err(one(Refusal::new(
-                q.offset,
-                found,
-                format!("at most {PIECES_MAX}"),
-            )));
+            return refuse(q.offset, found, format!("at most {PIECES_MAX}"));
         }
-        let mut reading = self.interpreter.begin_profile(words, word).map_err(one)?;
+        let mut reading = self.interpreter.begin_profile(words, word)?;
         let mut line = Line::default();
         let mut of_line = Words::default();
         let mut next = body.start;
         while next.line < body.end {
             let at = next;
-            let raw = self.raw_line(at).map_err(one)?;
+            let raw = self.raw_line(at)?;
             next = raw.1;
             let result = self
                 .profile_line(&raw.0, &mut line, &mut of_line)
-                .and_then(|()| {
-                    self.interpreter
-                        .add_to_profile(&mut reading, &of_line)
-                        .map_err(one)
-                });
+                .and_then(|()| Ok(self.interpreter.add_to_profile(&mut reading, &of_line)?));
             if let Err(refusals) = result {
                 self.refuse(at, refusals);
                 return Ok(());
@@ -74,7 +63,7 @@ impl Execution {
     }
 
     /// The lines of a subroutine between its first and its last.
-    fn body(&mut self, label: &str) -> Result<Option<Body>, TextError> {
+    fn body(&mut self, label: &str) -> Result<Option<Body>, Refusal> {
         let begin = self.source.subroutine(label)?;
         let Some(begin) = begin.filter(|begin| begin.keyword == Keyword::Sub) else {
             return Ok(None);
@@ -94,20 +83,14 @@ impl Execution {
         line: &mut Line,
         words: &mut Words,
     ) -> Result<(), Vec<Refusal>> {
-        read_line(raw, &self.interpreter, line).map_err(|unreadable| {
-            vec![Refusal::new(
-                unreadable.offset,
-                unreadable.found,
-                unreadable.right,
-            )]
-        })?;
+        read_line(raw, &self.interpreter, line)?;
         for (target, value) in line.assignments.drain(..) {
             self.interpreter.assign(target, value);
         }
         if let Some(flow) = &line.flow {
             let right = "a profile is a list of moves, without loops, conditions and calls";
             let found = format!("{} in a profile", flow.shown());
-            return Err(vec![Refusal::new(flow.offset, found, right)]);
+            return refuse(flow.offset, found, right);
         }
         words.sort(line, &self.interpreter.setup)
     }

@@ -1,12 +1,13 @@
 //! Program flow: what an O-word does to the line that comes next.
 
-use super::{Execution, refused_text};
+use super::Execution;
 use crate::flow::{FlowWord, Keyword, label_of, shown_flow};
 use crate::frames::{Frame, Loop, LoopKind, Pass};
 use crate::program::ProgramEnd;
 use crate::reader::Word;
+use crate::refusal::{Refusal, refuse};
 use crate::source::Label;
-use crate::words::{Refusal, Words};
+use crate::words::Words;
 
 /// Subroutines may call each other this deep.
 const DEPTH_MAX: usize = 100;
@@ -22,17 +23,7 @@ impl Execution {
         not_yet: bool,
     ) -> Result<(), Refusal> {
         let value = flow.values.first().copied().unwrap_or(0.0);
-        let refuse = |found: String, right: String| Refusal::new(flow.offset, found, right);
-        let without = |keyword: Keyword| {
-            refuse(
-                format!(
-                    "{} without {}",
-                    flow.shown(),
-                    shown_flow(&flow.label, keyword)
-                ),
-                "both have the same label, in the same file".into(),
-            )
-        };
+        let without = |keyword: Keyword| without(flow, keyword);
         match flow.keyword {
             Keyword::Number => {}
             Keyword::Sub => {
@@ -44,8 +35,9 @@ impl Execution {
             Keyword::EndSub | Keyword::Return => {
                 let returned = flow.values.first().copied();
                 if !self.leave(returned) {
-                    let right = "it belongs into a subroutine that is called".to_owned();
-                    return Err(refuse(format!("{} outside a call", flow.shown()), right));
+                    let right = "it belongs into a subroutine that is called";
+                    let found = format!("{} outside a call", flow.shown());
+                    return refuse(flow.offset, found, right);
                 }
             }
             Keyword::Call => self.call(flow)?,
@@ -113,7 +105,7 @@ impl Execution {
     ) -> Result<(), Refusal> {
         let words = [Keyword::If, Keyword::EndIf];
         let before = self.source.last_before(&flow.label, index, &words);
-        let before = before.map_err(|error| refused_text(flow.offset, error))?;
+        let before = before.map_err(|error| error.at(flow.offset))?;
         match before {
             Some(before) if before.keyword == Keyword::If => Ok(()),
             _ => Err(refusal),
@@ -124,12 +116,12 @@ impl Execution {
     fn is_only(&mut self, flow: &FlowWord, index: usize) -> Result<(), Refusal> {
         let sub = [Keyword::Sub];
         let other = self.source.next(&flow.label, index, &sub);
-        let other = other.map_err(|error| refused_text(flow.offset, error))?;
+        let other = other.map_err(|error| error.at(flow.offset))?;
         let Some(other) = other else { return Ok(()) };
         let (_, line) = self.source.place(other.at.line as u32 + 1);
         let found = format!("{} is there twice: again in line {line}", flow.shown());
         let right = "each subroutine of a file has a label of its own";
-        Err(Refusal::new(flow.offset, found, right))
+        refuse(flow.offset, found, right)
     }
 
     fn begin(&mut self, flow: &FlowWord, kind: LoopKind) {
@@ -224,21 +216,14 @@ impl Execution {
         let Some(of) = self.innermost(&flow.label) else {
             let found = format!("{} outside the loop", flow.shown());
             let right = "it has the label of the loop that it is in";
-            return Err(Refusal::new(flow.offset, found, right));
+            return refuse(flow.offset, found, right);
         };
         let end = match of.kind {
             LoopKind::While => Keyword::EndWhile,
             LoopKind::Do => Keyword::While,
             LoopKind::Repeat(_) => Keyword::EndRepeat,
         };
-        let end = self.find(flow, index, &[end], || {
-            let found = format!("{} without {}", flow.shown(), shown_flow(&flow.label, end));
-            Refusal::new(
-                flow.offset,
-                found,
-                "both have the same label, in the same file",
-            )
-        })?;
+        let end = self.find(flow, index, &[end], || without(flow, end))?;
         if flow.keyword == Keyword::Break {
             self.interpreter.frames.here().loops.pop();
             self.go_behind(end);
@@ -254,7 +239,7 @@ impl Execution {
 
     /// `call`.
     fn call(&mut self, flow: &FlowWord) -> Result<(), Refusal> {
-        let unread = |error| refused_text(flow.offset, error);
+        let unread = |error: Refusal| error.at(flow.offset);
         let begin = self.source.subroutine(&flow.label).map_err(unread)?;
         let Some(begin) = begin else {
             let found = format!("{}: there is no such subroutine", flow.shown());
@@ -263,7 +248,7 @@ impl Execution {
                 shown_flow(&flow.label, Keyword::Sub),
                 flow.label
             );
-            return Err(Refusal::new(flow.offset, found, right));
+            return refuse(flow.offset, found, right);
         };
         if begin.keyword == Keyword::Sub {
             let sub = FlowWord {
@@ -282,7 +267,7 @@ impl Execution {
         if self.interpreter.frames.depth() >= DEPTH_MAX {
             let found = format!("subroutines called {DEPTH_MAX} deep");
             let right = "a subroutine that calls itself must come to an end";
-            return Err(Refusal::new(offset, found, right));
+            return refuse(offset, found, right);
         }
         self.interpreter.frames.push(Frame {
             label: label.to_owned(),
@@ -332,32 +317,30 @@ impl Execution {
         }
         let Some(p) = words.value('P') else {
             let right = "the number of the subroutine, such as M98 P1000 for O1000";
-            return Err(Refusal::new(word.offset, "M98 without P", right));
+            return refuse(word.offset, "M98 without P", right);
         };
-        let label = label_of(p.value).ok_or_else(|| {
-            Refusal::new(p.offset, format!("P{}", p.value), "a whole number from 0")
-        })?;
-        let unread = |error| refused_text(p.offset, error);
+        let Some(label) = label_of(p.value) else {
+            return p.refuse("a whole number from 0");
+        };
+        let unread = |error: Refusal| error.at(p.offset);
         let Some(begin) = self.source.subroutine(&label).map_err(unread)? else {
             let found = format!("M98 P{label}: there is no such subroutine");
             let right = format!("O{label} … M99 in the program, or a file {label}.ngc beside it");
-            return Err(Refusal::new(p.offset, found, right));
+            return refuse(p.offset, found, right);
         };
-        let repeats = words.value('L').map_or(1.0, |l| l.value);
-        if !(0.0..=REPEATS_MAX).contains(&repeats) || repeats.fract() != 0.0 {
-            let found = format!("L{repeats}");
-            let place = words.value('L').map_or(word.offset, |l| l.offset);
-            return Err(Refusal::new(
-                place,
-                found,
-                format!("a whole number from 0 to {REPEATS_MAX}"),
-            ));
+        let repeats = words.whole('L', "a whole number", 0.0..=REPEATS_MAX)?;
+        if repeats != Some(0) {
+            self.enter(&label, begin, p.offset)?;
+            self.interpreter.frames.here().repeats = u64::from(repeats.unwrap_or(1));
         }
-        if repeats == 0.0 {
-            return Ok(());
-        }
-        self.enter(&label, begin, p.offset)?;
-        self.interpreter.frames.here().repeats = repeats as u64;
         Ok(())
     }
+}
+
+/// An O-word whose other half is missing.
+fn without(flow: &FlowWord, keyword: Keyword) -> Refusal {
+    let other = shown_flow(&flow.label, keyword);
+    let found = format!("{} without {other}", flow.shown());
+    let right = "both have the same label, in the same file";
+    Refusal::new(flow.offset, found, right)
 }

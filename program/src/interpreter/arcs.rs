@@ -1,7 +1,10 @@
 //! The words of an arc block.
 
 use super::*;
-use crate::arc::ArcRefusal;
+use crate::flat::Flat;
+
+/// The most turns of one arc.
+const TURNS_MAX: f64 = 10_000.0;
 
 impl Interpreter {
     /// Understands the words of an arc.
@@ -14,8 +17,8 @@ impl Interpreter {
     ) -> Result<ArcBlock, Refusal> {
         let plane = self.plane_axes(offset)?;
         let circle = self.circle(words, plane, offset)?;
-        let turns = turns(words)?;
-        let tolerance = if self.inches {
+        let turns = words.whole('P', "turns are a whole number", 1.0..=TURNS_MAX)?;
+        let tolerance = if self.modes.inches {
             ArcTolerance::INCH
         } else {
             ArcTolerance::METRIC
@@ -31,7 +34,7 @@ impl Interpreter {
             plane,
             circle,
             clockwise,
-            turns,
+            turns: turns.unwrap_or(1),
             tolerance,
         })
     }
@@ -39,7 +42,7 @@ impl Interpreter {
     /// Whether the plane of an arc stands askew in the machine: the work offset is turned about Z, and the plane is not XY. Such an arc is
     /// made in the coordinates of the program.
     fn arc_is_tilted(&self) -> bool {
-        self.offsets.turn.is_some() && self.plane.0 != 17
+        self.offsets.turn.is_some() && self.modes.plane.0 != 17
     }
 
     /// The shapes of an arc in the machine, from where the tool is to `target`.
@@ -47,7 +50,7 @@ impl Interpreter {
         &self,
         block: &ArcBlock,
         target: AxisVector,
-    ) -> Result<Vec<Shape>, ArcRefusal> {
+    ) -> Result<Vec<Shape>, Refusal> {
         let mut shapes = block.shapes()?;
         if !self.arc_is_tilted() {
             return Ok(shapes);
@@ -83,54 +86,39 @@ impl Interpreter {
 
     /// The axes of the plane: both slides.
     pub(super) fn plane_axes(&self, offset: usize) -> Result<[usize; 2], Refusal> {
-        let (plane, letters, _) = self.plane;
-        let mut axes = [0; 2];
-        for (axis, letter) in axes.iter_mut().zip(letters) {
-            let index = self
-                .setup
-                .axis_index(letter)
-                .filter(|&index| !self.rotary.get(index).copied().unwrap_or(true));
-            *axis = index.ok_or_else(|| {
-                let found = format!(
-                    "an arc in the plane {}{} (G{plane})",
-                    letters[0], letters[1]
-                );
-                Refusal::new(
-                    offset,
-                    found,
-                    format!("this machine has no slide {letter}; choose a plane it has"),
-                )
-            })?;
-        }
-        Ok(axes)
+        let (plane, letters, _) = self.modes.plane;
+        let [first, second] = letters;
+        let letter = match letters.map(|letter| self.slide(letter)) {
+            [Some(u), Some(v)] => return Ok([u, v]),
+            [None, _] => first,
+            _ => second,
+        };
+        let found = format!("an arc in the plane {first}{second} (G{plane})");
+        let right = format!("this machine has no slide {letter}; choose a plane it has");
+        refuse(offset, found, right)
     }
 
     /// The circle, by its radius or by its centre.
     fn circle(&self, words: &Words, axes: [usize; 2], offset: usize) -> Result<Circle, Refusal> {
-        let (plane, _, letters) = self.plane;
-        let strays = ["I", "J", "K"]
-            .into_iter()
-            .filter(|letter| !letters.iter().any(|of_plane| letter.contains(*of_plane)));
-        if let Some(stray) = strays.filter_map(|letter| words.first_of(letter)).next() {
+        let (plane, _, [first, second]) = self.modes.plane;
+        let mut strays = ['I', 'J', 'K'].into_iter();
+        let stray = strays.find(|letter| *letter != first && *letter != second);
+        if let Some(stray) = stray.and_then(|letter| words.value(letter)) {
             let found = format!("{} in an arc in G{plane}", stray.letter);
-            let right = format!("arcs in G{plane} take {} and {}", letters[0], letters[1]);
-            return Err(Refusal::new(stray.offset, found, right));
+            let right = format!("arcs in G{plane} take {first} and {second}");
+            return refuse(stray.offset, found, right);
         }
         match (words.value('R'), words.first_of("IJK")) {
-            (Some(radius), Some(_)) => Err(Refusal::new(
-                radius.offset,
-                "R together with I, J or K",
-                "name the circle by R or by its centre, not both",
-            )),
+            (Some(radius), Some(_)) => {
+                let right = "name the circle by R or by its centre, not both";
+                refuse(radius.offset, "R together with I, J or K", right)
+            }
             (None, None) => {
-                let right = format!(
-                    "its centre by {} and {} or its radius by R",
-                    letters[0], letters[1]
-                );
-                Err(Refusal::new(offset, "an arc without a centre", right))
+                let right = format!("its centre by {first} and {second} or its radius by R");
+                refuse(offset, "an arc without a centre", right)
             }
             (Some(radius), None) if radius.value == 0.0 => {
-                Err(Refusal::new(radius.offset, "R0", "a radius is not 0"))
+                refuse(radius.offset, "R0", "a radius is not 0")
             }
             (Some(radius), None) => Ok(Circle::RadiusMm(radius.value * self.unit_mm())),
             (None, Some(_)) => self.centre(words, axes, offset).map(Circle::Centre),
@@ -138,41 +126,23 @@ impl Interpreter {
     }
 
     /// The centre that I, J, K name, in machine coordinates.
-    fn centre(&self, words: &Words, axes: [usize; 2], offset: usize) -> Result<[f64; 2], Refusal> {
-        let (_, _, letters) = self.plane;
-        let mut arm = AxisVector::zeros();
-        for (axis, letter) in axes.into_iter().zip(letters) {
-            let word = words.value(letter);
-            if self.arc_absolute && word.is_none() {
-                let right = "in G90.1 both coordinates of the centre are needed";
-                let found = format!("an arc without {letter}");
-                return Err(Refusal::new(offset, found, right));
-            }
-            if let Some(component) = arm.get_mut(axis) {
-                *component = word.map_or(0.0, |word| word.value) * self.unit_mm();
-            }
+    fn centre(&self, words: &Words, axes: [usize; 2], offset: usize) -> Result<Flat, Refusal> {
+        let (_, _, letters) = self.modes.plane;
+        let missing = |letter: &char| words.value(*letter).is_none();
+        if let Some(letter) = letters.into_iter().find(missing)
+            && self.modes.arc_absolute
+        {
+            let right = "in G90.1 both coordinates of the centre are needed";
+            return refuse(offset, format!("an arc without {letter}"), right);
         }
-        let place = match (self.arc_is_tilted(), self.arc_absolute) {
+        let [u, v] = letters.map(|letter| words.value(letter).map_or(0.0, |word| word.value));
+        let arm = (Flat::new(u, v) * self.unit_mm()).put_into(AxisVector::zeros(), axes);
+        let place = match (self.arc_is_tilted(), self.modes.arc_absolute) {
             (true, true) => arm,
             (true, false) => self.in_program(&self.position) + arm,
             (false, true) => self.in_machine(&arm),
             (false, false) => self.position + self.turned(arm),
         };
-        let centre = axes.map(|axis| place.get(axis).copied().unwrap_or(0.0));
-        Ok(centre)
-    }
-}
-
-/// Turns of the arc, the last one included.
-fn turns(words: &Words) -> Result<u32, Refusal> {
-    match words.value('P') {
-        None => Ok(1),
-        Some(p) if p.value >= 1.0 && p.value <= TURNS_MAX && p.value.fract() == 0.0 => {
-            Ok(p.value as u32)
-        }
-        Some(p) => {
-            let right = format!("turns are a whole number from 1 to {TURNS_MAX}");
-            Err(Refusal::new(p.offset, format!("P{}", p.value), right))
-        }
+        Ok(Flat::of(&place, axes))
     }
 }

@@ -1,11 +1,8 @@
 //! Moves beside a contour: the codes of cutter radius compensation, and what becomes of moves while it is on.
 
-use super::surface::FeedPerTurn;
 use super::*;
-use crate::compensation::{Compensation, Gouge, Move, Side, Start, Step as BesideStep, Way};
-use crate::flat::Flat;
-use crate::words::shown_code;
-use serde::{Deserialize, Serialize};
+use crate::codes::shown_code;
+use crate::compensation::{Move, Side, Start, Step as BesideStep, Way};
 
 /// How far the radii of an arc of the tool's centre may differ: more than tangent joints make of it.
 const BESIDE_ARC_TOLERANCE: ArcTolerance = ArcTolerance {
@@ -14,28 +11,8 @@ const BESIDE_ARC_TOLERANCE: ArcTolerance = ArcTolerance {
     radii_most_mm: 0.1,
 };
 
-/// What a move carries.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct Carried {
-    line: u32,
-    #[serde(with = "snapshot::feed")]
-    feed: Feed,
-    per_turn: Option<FeedPerTurn>,
-}
-
-/// What happens between moves.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub enum Happening {
-    Event(u32, EventKind),
-    Dwell(u32, f64),
-}
-
 type Beside = Compensation<Carried, Happening>;
 type BesideSteps = Vec<BesideStep<Carried, Happening>>;
-
-fn refused(offset: usize, gouge: Gouge) -> Vec<Refusal> {
-    vec![Refusal::new(offset, gouge.found, gouge.right)]
-}
 
 impl Interpreter {
     /// Where the tool stands: beside the programmed place while a compensation is on, and until the first move behind it.
@@ -64,35 +41,31 @@ impl Interpreter {
         if number == 400 {
             return self.leave_contour(words, word.offset);
         }
-        let one = |refusal| vec![refusal];
+        let code = shown_code(number);
         if self.beside.is_some() {
-            let found = format!(
-                "G{} while the radius compensation is on",
-                shown_code(number)
-            );
-            return Err(one(Refusal::new(word.offset, found, "G40 before it")));
+            let found = format!("G{code} while the radius compensation is on");
+            return refuse(word.offset, found, "G40 before it");
         }
-        let Some((radius_mm, orientation)) = self.tool_radius(line, words, number).map_err(one)?
+        let Some((radius_mm, orientation)) = self.tool_radius(line, words, number, word.offset)?
         else {
             return Ok(());
         };
-        let (plane, _, _) = self.plane;
+        let (plane, _, _) = self.modes.plane;
         if plane == 19 {
             let right = "the radius compensation works in G17 and G18";
-            let found = format!("G{} in G19", shown_code(number));
-            return Err(one(Refusal::new(word.offset, found, right)));
+            return refuse(word.offset, format!("G{code} in G19"), right);
         }
         if plane != 18 && !matches!(orientation, 0 | 9) {
-            let found = format!("G{} with a turning tool in G17", shown_code(number));
+            let found = format!("G{code} with a turning tool in G17");
             let right = "a tool with an orientation (Q in the tool table) cuts in G18";
-            return Err(one(Refusal::new(word.offset, found, right)));
+            return refuse(word.offset, found, right);
         }
         if plane == 18 && self.offsets.turn.is_some() {
-            let found = format!("G{} in G18 with a turned work offset", shown_code(number));
+            let found = format!("G{code} in G18 with a turned work offset");
             let right = "a work offset without R: G10 L2 P1 R0";
-            return Err(one(Refusal::new(word.offset, found, right)));
+            return refuse(word.offset, found, right);
         }
-        let axes = self.plane_axes(word.offset).map_err(one)?;
+        let axes = self.plane_axes(word.offset)?;
         let left = matches!(number, 410 | 411);
         let start = Start {
             side: if left { Side::Left } else { Side::Right },
@@ -115,35 +88,30 @@ impl Interpreter {
         line: u32,
         words: &Words,
         number: u32,
+        offset: usize,
     ) -> Result<Option<(f64, u32)>, Refusal> {
         let code = shown_code(number);
-        let offset = words
-            .code(Group::CutterCompensation)
-            .map_or(0, |(_, word)| word.offset);
         let d = words.value('D');
         if matches!(number, 411 | 421) {
             let Some(d) = d else {
                 let right = "the diameter of the tool, such as G41.1 D6";
-                return Err(Refusal::new(offset, format!("G{code} without D"), right));
+                return refuse(offset, format!("G{code} without D"), right);
             };
             let orientation = match words.value('L') {
                 None => 0,
-                Some(l) if self.plane.0 == 18 && (0.0..=9.0).contains(&l.value) => l.value as u32,
+                Some(l) if self.modes.plane.0 == 18 && (0.0..=9.0).contains(&l.value) => {
+                    l.value as u32
+                }
                 Some(l) => {
                     let right = "L is the orientation of a turning tool, 0 to 9, in G18";
-                    return Err(Refusal::new(
-                        l.offset,
-                        format!("G{code} L{}", l.value),
-                        right,
-                    ));
+                    return refuse(l.offset, format!("G{code} {l}"), right);
                 }
             };
             return Ok(Some((d.value * self.unit_mm() / 2.0, orientation)));
         }
         if let Some(d) = d.filter(|d| d.value < 0.0 || d.value.fract() != 0.0) {
-            let found = format!("G{code} D{}", d.value);
             let right = "D is the number of a tool; G41.1 and G42.1 take a diameter";
-            return Err(Refusal::new(d.offset, found, right));
+            return refuse(d.offset, format!("G{code} {d}"), right);
         }
         let named = d.map_or(0.0, |d| d.value) as u32;
         let number = if named == 0 { self.tool.number } else { named };
@@ -157,7 +125,7 @@ impl Interpreter {
         }
         let found = format!("G{code} with a tool whose radius nobody knows");
         let right = "name a tool table in the machine file ([program] tool_table), or write the diameter: G41.1 D6";
-        Err(Refusal::new(d.map_or(offset, |d| d.offset), found, right))
+        refuse(words.place('D', offset), found, right)
     }
 
     /// Refuses codes that change what coordinates mean while the compensation is on.
@@ -165,17 +133,6 @@ impl Interpreter {
         if self.beside.is_none() {
             return Ok(());
         }
-        let refuse = |letter: char, number: u32, offset: usize| {
-            let found = format!(
-                "{letter}{} while the radius compensation is on",
-                shown_code(number)
-            );
-            Err(Refusal::new(
-                offset,
-                found,
-                "end the compensation before it: G40",
-            ))
-        };
         let ends = matches!(words.code(Group::CutterCompensation), Some((400, _)));
         for (group, while_ending) in [
             (Group::Plane, true),
@@ -190,13 +147,15 @@ impl Interpreter {
                 continue;
             };
             let is_harmless = match group {
-                Group::Plane => number == self.plane.0 * 10,
+                Group::Plane => number == self.modes.plane.0 * 10,
                 Group::Once => number == 40,
                 Group::Motion => matches!(number, 0..=30 | 700 | 800),
                 _ => false,
             };
             if !is_harmless {
-                return refuse(word.letter, number, word.offset);
+                let code = shown_code(number);
+                let found = format!("{}{code} while the radius compensation is on", word.letter);
+                return refuse(word.offset, found, "end the compensation before it: G40");
             }
         }
         Ok(())
@@ -209,12 +168,12 @@ impl Interpreter {
         if self.beside.is_some() && (is_long || is_elsewhere) {
             let found = "a cycle, spline, thread or probing while the radius compensation is on";
             let right = "end the compensation before it: G40";
-            return Err(Refusal::new(offset, found, right));
+            return refuse(offset, found, right);
         }
         if self.stands.is_some() && is_long {
             let found = "a spline or thread behind the radius compensation";
             let right = "the first move behind G40 is straight: G0 or G1";
-            return Err(Refusal::new(offset, found, right));
+            return refuse(offset, found, right);
         }
         Ok(())
     }
@@ -231,8 +190,7 @@ impl Interpreter {
         let Some(mut beside) = self.beside.take() else {
             if self.stands.is_some() && matches!(way, Way::Arc { .. }) {
                 let right = "the first move behind G40 is straight: G0 or G1";
-                let refusal = Refusal::new(offset, "an arc behind the radius compensation", right);
-                return Err(vec![refusal]);
+                return refuse(offset, "an arc behind the radius compensation", right);
             }
             self.go(line, words, shapes, feed, offset)?;
             self.position = target;
@@ -251,7 +209,7 @@ impl Interpreter {
         let result = beside.push(next, &mut steps);
         let plane = beside.plane();
         self.beside = Some(beside);
-        result.map_err(|gouge| refused(offset, gouge))?;
+        result.map_err(|gouge| gouge.at(offset))?;
         self.position = target;
         self.send(words, plane, steps, offset)
     }
@@ -269,7 +227,7 @@ impl Interpreter {
         let mut steps = Vec::new();
         beside
             .finish(&mut steps)
-            .map_err(|gouge| refused(offset, gouge))?;
+            .map_err(|gouge| gouge.at(offset))?;
         let sent = self.send(words, plane, steps, offset);
         self.stands = self.stands.filter(|place| *place != self.position);
         sent
@@ -340,14 +298,8 @@ impl Interpreter {
             self.stands =
                 Some(step.to).filter(|place| *place != self.position || self.beside.is_some());
         }
-        self.output
-            .check_room(0.0, offset)
-            .map_err(|refusal| vec![refusal])?;
-        if outside.is_empty() {
-            Ok(())
-        } else {
-            Err(outside)
-        }
+        self.output.check_room(0.0, offset)?;
+        if_none(outside)
     }
 
     /// The shapes of a move of the tool's centre.
@@ -356,7 +308,7 @@ impl Interpreter {
         step: &Move<Carried>,
         plane: [usize; 2],
         offset: usize,
-    ) -> Result<Vec<Shape>, Vec<Refusal>> {
+    ) -> Result<Vec<Shape>, Refusal> {
         let (from, to) = (self.tool_place(), step.to);
         let Way::Arc {
             centre,
@@ -370,22 +322,20 @@ impl Interpreter {
             from,
             to,
             plane,
-            circle: Circle::Centre([centre.u, centre.v]),
+            circle: Circle::Centre(centre),
             clockwise,
             turns,
             tolerance: BESIDE_ARC_TOLERANCE,
         };
-        arc.shapes().map_err(|(found, right)| {
-            let found = format!("{found}, with the tool beside it");
-            vec![Refusal::new(offset, found, right)]
+        arc.shapes().map_err(|Refusal { found, right, .. }| {
+            Refusal::new(offset, format!("{found}, with the tool beside it"), right)
         })
     }
 
     /// The way of an arc block.
-    pub(super) fn way_of(block: &ArcBlock) -> Result<Way, (String, String)> {
-        let [u, v] = block.centre()?;
+    pub(super) fn way_of(block: &ArcBlock) -> Result<Way, Refusal> {
         Ok(Way::Arc {
-            centre: Flat::new(u, v),
+            centre: block.centre()?,
             clockwise: block.clockwise,
             turns: block.turns,
         })

@@ -2,10 +2,14 @@
 
 use super::modes::{dwell_right, is_dwell};
 use super::*;
-use crate::cycles::{Level, Levels, Turning, Wait};
+use crate::cycles::{CycleBlock, Level, Levels, PECKS_MAX, Step, Turning, Wait};
+use crate::flat::Flat;
 
 /// What is said where the return height is LinuxCNC's other one.
 const RETURN_HEIGHT: &str = "neither G98 nor G99 is said: holes return to the level before the cycles (G98), not to R as in LinuxCNC";
+
+/// The most holes of one drilling block.
+const REPEATS_MAX: f64 = 10_000.0;
 
 impl Interpreter {
     /// Holes of which each is a step of distance and angle from the one before.
@@ -20,7 +24,7 @@ impl Interpreter {
             return Ok(());
         };
         let mut single = words.clone();
-        single.remove('L');
+        single.remove("L");
         for _ in 0..repeats {
             self.drill(line, &single, cycle, offset)?;
         }
@@ -35,22 +39,18 @@ impl Interpreter {
         cycle: Cycle,
         offset: usize,
     ) -> Result<(), Vec<Refusal>> {
-        let one = |refusal| vec![refusal];
-        let repeats = holes(words).map_err(one)?;
-        if repeats > 1 && self.incremental && words.first_of("@^").is_some() {
+        let repeats = holes(words)?;
+        if repeats > 1 && self.modes.incremental && words.first_of("@^").is_some() {
             return self.drill_circle(line, words, repeats, offset);
         }
-        let block = self.cycle_block(words, cycle, offset).map_err(one)?;
+        let block = self.cycle_block(words, cycle, offset)?;
         self.series = Some(block.series);
         if matches!(cycle, Cycle::TapRight | Cycle::TapLeft) {
-            self.check_speed_is_constant(cycle.code(), offset)
-                .map_err(one)?;
+            self.check_speed_is_constant(cycle, offset)?;
         }
-        let feed = self.feed(&self.position, offset).map_err(one)?;
+        let feed = self.feed(&self.position, offset)?;
         let per_turn = self.feed_per_turn();
-        self.output
-            .check_room(block.steps_max(), offset)
-            .map_err(one)?;
+        self.output.check_room(block.steps_max(), offset)?;
         if !self.return_was_said && block.series.initial_mm > block.levels.r_mm {
             self.note(line, RETURN_HEIGHT);
         }
@@ -95,12 +95,7 @@ impl Interpreter {
         }
         self.position = here;
         self.stands = None;
-        let outside = self.outside(words, &shapes, offset);
-        if outside.is_empty() {
-            Ok(())
-        } else {
-            Err(outside)
-        }
+        if_none(self.outside(words, &shapes, offset))
     }
 
     /// What a cycle does with the spindle and the program.
@@ -117,28 +112,28 @@ impl Interpreter {
 
     /// From here on a spindle with encoder keeps step: the pitch is the feed at the speed of the spindle.
     fn begin_tap(&mut self, line: u32, feed: Feed) {
-        let turns_s = self.spindle.speed / 60.0;
+        let turns_s = self.modes.spindle.speed / 60.0;
         if let (Feed::PathMmS(mm_s), true) = (feed, turns_s > 0.0) {
             self.event(line, EventKind::SpindleCoupled(mm_s / turns_s));
         }
     }
 
     fn end_tap(&mut self, line: u32) {
-        if self.spindle.speed > 0.0 {
+        if self.modes.spindle.speed > 0.0 {
             self.event(line, EventKind::SpindleUncoupled);
         }
     }
 
     /// Whether the override of the feed counts, as a cycle has it.
     fn cycle_overrides(&mut self, line: u32, count: bool) {
-        if self.feed_override {
+        if self.modes.feed_override {
             self.event(line, EventKind::OverridesEnabled(count));
         }
     }
 
     /// How the spindle turns.
     fn turning(&self) -> Option<Turning> {
-        match self.spindle.direction {
+        match self.modes.spindle.direction {
             0 => None,
             1 => Some(Turning::Clockwise),
             _ => Some(Turning::CounterClockwise),
@@ -159,23 +154,14 @@ impl Interpreter {
         let levels = self.cycle_levels(words, &series, offset)?;
         let repeats = holes(words)?;
         let mut hole = self.target(words)?;
-        if let (Some(of_hole), Some(here)) = (
-            hole.get_mut(axes.drill_axis),
-            self.position.get(axes.drill_axis),
-        ) {
-            *of_hole = *here;
-        }
-        let pitch = if self.incremental {
+        hole[axes.drill_axis] = self.position[axes.drill_axis];
+        let pitch = if self.modes.incremental {
             hole - self.position
         } else {
             AxisVector::zeros()
         };
-        let mut aside = AxisVector::zeros();
-        for (axis, step_mm) in axes.plane.iter().zip(series.aside_mm) {
-            if let Some(component) = aside.get_mut(*axis) {
-                *component += step_mm;
-            }
-        }
+        let [u, v] = series.aside_mm;
+        let aside = Flat::new(u, v).put_into(AxisVector::zeros(), axes.plane);
         let aside = self.turned(aside);
         let block = CycleBlock {
             from: self.position,
@@ -185,21 +171,14 @@ impl Interpreter {
             aside,
             series,
             levels,
-            returns_to_r: self.returns_to_r,
+            returns_to_r: self.modes.returns_to_r,
             turning,
         };
         if cycle.pecks() && block.pecks() >= PECKS_MAX {
-            let place = words.value('Q').map_or(offset, |q| q.offset);
-            let found = format!(
-                "Q{} with {} pecks a hole",
-                series.peck_mm / self.unit_mm(),
-                block.pecks() + 1.0
-            );
-            return Err(Refusal::new(
-                place,
-                found,
-                format!("at most {PECKS_MAX} pecks"),
-            ));
+            let (peck, count) = (series.peck_mm / self.unit_mm(), block.pecks() + 1.0);
+            let found = format!("Q{peck} with {count} pecks a hole");
+            let right = format!("at most {PECKS_MAX} pecks");
+            return refuse(words.place('Q', offset), found, right);
         }
         Ok(block)
     }
@@ -212,71 +191,45 @@ impl Interpreter {
         turning: Option<Turning>,
         offset: usize,
     ) -> Result<(), Refusal> {
-        if self.feed_mode == FeedMode::InverseTime {
-            let found = format!("{} in G93", cycle.code());
-            return Err(Refusal::new(
-                offset,
-                found,
-                "a cycle has no time of its own: G94 before it",
-            ));
+        if self.modes.feed_mode == FeedMode::InverseTime {
+            let right = "a cycle has no time of its own: G94 before it";
+            return refuse(offset, format!("{cycle} in G93"), right);
         }
         if axes.plane_number != 17 && self.offsets.turn.is_some() {
-            let found = format!(
-                "{} in G{} where X and Y are turned",
-                cycle.code(),
-                axes.plane_number
-            );
-            return Err(Refusal::new(
-                offset,
-                found,
-                "a cycle runs along an axis: only Z is one there, in G17",
-            ));
+            let plane = axes.plane_number;
+            let found = format!("{cycle} in G{plane} where X and Y are turned");
+            let right = "a cycle runs along an axis: only Z is one there, in G17";
+            return refuse(offset, found, right);
         }
         if let Some((found, right)) = cycle.refused_spindle(turning) {
-            return Err(Refusal::new(
-                offset,
-                format!("{} with {found}", cycle.code()),
-                right,
-            ));
+            return refuse(offset, format!("{cycle} with {found}"), right);
         }
         Ok(())
     }
 
     /// The axes of a cycle; refuses a block that is none of it.
     fn cycle_axes(&self, words: &Words, cycle: Cycle, offset: usize) -> Result<CycleAxes, Refusal> {
-        let code = cycle.code();
-        let (number, letters, offset_letters) = self.plane;
+        let (number, letters, offset_letters) = self.modes.plane;
         let (drill_letter, level_letter) = match number {
             18 => ('Y', 'J'),
             19 => ('X', 'I'),
             _ => ('Z', 'K'),
         };
-        let slide = |letter: char| {
-            let index = self.setup.axis_index(letter)?;
-            self.rotary
-                .get(index)
-                .is_some_and(|rotary| !rotary)
-                .then_some(index)
-        };
-        let [first, second] = letters.map(slide);
-        let Some(drill_axis) = slide(drill_letter) else {
-            let found = format!("{code} in G{number}");
+        let [first, second] = letters.map(|letter| self.slide(letter));
+        let Some(drill_axis) = self.slide(drill_letter) else {
+            let found = format!("{cycle} in G{number}");
             let right = format!(
                 "a cycle runs along {drill_letter} there: this machine has no slide {drill_letter}"
             );
-            return Err(Refusal::new(offset, found, right));
+            return refuse(offset, found, right);
         };
         if let Some(word) = words.first_of("ABCUVW") {
-            let found = format!("{}{} in {code}", word.letter, word.value);
-            return Err(Refusal::new(word.offset, found, "a cycle moves X, Y and Z"));
+            let found = format!("{word} in {cycle}");
+            return refuse(word.offset, found, "a cycle moves X, Y and Z");
         }
         if words.first_of("XYZ@^").is_none() {
             let right = "say where: X, Y or Z";
-            return Err(Refusal::new(
-                offset,
-                format!("{code} without a hole"),
-                right,
-            ));
+            return refuse(offset, format!("{cycle} without a hole"), right);
         }
         // A machine without one of the plane's axes drills all the same; only G87 steps aside along them.
         Ok(CycleAxes {
@@ -298,19 +251,10 @@ impl Interpreter {
         axes: &CycleAxes,
         offset: usize,
     ) -> Result<Series, Refusal> {
-        let code = cycle.code();
-        let in_a_row = self
-            .series
-            .filter(|series| series.drill_axis == axes.drill_axis);
+        let is_next = |series: &Series| series.drill_axis == axes.drill_axis;
+        let in_a_row = self.series.filter(is_next);
         let kept = in_a_row.filter(|series| series.cycle == cycle);
-        let missing = |letter: char, what: &str| {
-            let found = format!("{code} without {letter}");
-            Refusal::new(
-                offset,
-                found,
-                format!("{what} in the first block of a cycle"),
-            )
-        };
+        let missing = |letter: char, what: &str| missing(cycle, letter, what).at(offset);
         let drill_letter = axes.drill_letter;
         let r = self
             .level(self.length_mm(words, 'R'))
@@ -338,10 +282,7 @@ impl Interpreter {
         let mut series = Series {
             cycle,
             drill_axis: axes.drill_axis,
-            initial_mm: in_a_row.map_or_else(
-                || self.position.get(axes.drill_axis).copied().unwrap_or(0.0),
-                |series| series.initial_mm,
-            ),
+            initial_mm: in_a_row.map_or(self.position[axes.drill_axis], |series| series.initial_mm),
             r,
             bottom,
             dwell_s,
@@ -364,13 +305,10 @@ impl Interpreter {
         stays: bool,
         offset: usize,
     ) -> Result<(), Refusal> {
-        let missing = |letter: char, what: &str| {
-            let right = format!("{what} in the first block of a cycle");
-            Refusal::new(offset, format!("G87 without {letter}"), right)
-        };
+        let missing = |letter, what: &str| missing(Cycle::BackBore, letter, what).at(offset);
         if !axes.complete {
             let right = "back boring steps aside in the plane: both its axes must be slides";
-            return Err(Refusal::new(offset, "G87", right));
+            return refuse(offset, "G87", right);
         }
         for (step_mm, letter) in series.aside_mm.iter_mut().zip(axes.offset_letters) {
             match words.value(letter) {
@@ -395,7 +333,7 @@ impl Interpreter {
     /// A level that the block gives.
     fn level(&self, given_mm: Option<f64>) -> Option<Level> {
         given_mm.map(|mm| {
-            if self.incremental {
+            if self.modes.incremental {
                 Level::From(mm)
             } else {
                 Level::At(mm)
@@ -410,32 +348,17 @@ impl Interpreter {
         series: &Series,
         offset: usize,
     ) -> Result<Levels, Refusal> {
-        let zero_mm = self
-            .offsets
-            .zero
-            .get(series.drill_axis)
-            .copied()
-            .unwrap_or(0.0);
+        let zero_mm = self.offsets.zero[series.drill_axis];
         let levels = series.levels(zero_mm);
         if levels.r_mm < levels.bottom_mm {
-            let letter = self
-                .setup
-                .axes
-                .get(series.drill_axis)
-                .map_or('Z', |axis| axis.letter);
-            let place = words.value('R').or(words.value(letter));
+            let axis = self.setup.axes.get(series.drill_axis);
+            let letter = axis.map_or('Z', |axis| axis.letter);
             let [r, bottom] =
                 [levels.r_mm, levels.bottom_mm].map(|mm| (mm - zero_mm) / self.unit_mm());
-            let found = format!(
-                "{} with R at {r:.4} below {letter} at {bottom:.4}",
-                series.cycle.code()
-            );
-            let place = place.map_or(offset, |word| word.offset);
-            return Err(Refusal::new(
-                place,
-                found,
-                "R lies above the bottom of the hole",
-            ));
+            let cycle = series.cycle;
+            let found = format!("{cycle} with R at {r:.4} below {letter} at {bottom:.4}");
+            let place = words.place('R', words.place(letter, offset));
+            return refuse(place, found, "R lies above the bottom of the hole");
         }
         Ok(levels)
     }
@@ -443,10 +366,7 @@ impl Interpreter {
     /// Depth of a peck that the block gives, in mm.
     fn peck_mm(&self, words: &Words) -> Result<Option<f64>, Refusal> {
         match words.value('Q') {
-            Some(q) if q.value <= 0.0 => {
-                let found = format!("Q{}", q.value);
-                Err(Refusal::new(q.offset, found, "a peck is above 0"))
-            }
+            Some(q) if q.value <= 0.0 => q.refuse("a peck is above 0"),
             given => Ok(given.map(|q| q.value * self.unit_mm())),
         }
     }
@@ -472,24 +392,20 @@ struct CycleAxes {
 /// Seconds to wait in the hole that the block gives.
 fn seconds_at_the_bottom(words: &Words) -> Result<Option<f64>, Refusal> {
     match words.value('P') {
-        Some(p) if !is_dwell(p.value) => {
-            let found = format!("P{}", p.value);
-            Err(Refusal::new(p.offset, found, dwell_right()))
-        }
+        Some(p) if !is_dwell(p.value) => p.refuse(dwell_right()),
         given => Ok(given.map(|p| p.value)),
     }
 }
 
+/// A word that a cycle has to have.
+fn missing(cycle: Cycle, letter: char, what: &str) -> Refusal {
+    let found = format!("{cycle} without {letter}");
+    let right = format!("{what} in the first block of a cycle");
+    Refusal::new(0, found, right)
+}
+
 /// Holes that the block drills.
 fn holes(words: &Words) -> Result<u32, Refusal> {
-    match words.value('L') {
-        None => Ok(1),
-        Some(l) if l.value >= 1.0 && l.value <= REPEATS_MAX && l.value.fract() == 0.0 => {
-            Ok(l.value as u32)
-        }
-        Some(l) => {
-            let right = format!("holes are a whole number from 1 to {REPEATS_MAX}");
-            Err(Refusal::new(l.offset, format!("L{}", l.value), right))
-        }
-    }
+    let given = words.whole('L', "holes are a whole number", 1.0..=REPEATS_MAX)?;
+    Ok(given.unwrap_or(1))
 }

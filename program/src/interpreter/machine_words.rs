@@ -3,7 +3,7 @@
 use super::*;
 
 /// The most digital and analogue outputs, as LinuxCNC has them by default.
-const OUTPUTS_MAX: f64 = 64.0;
+const OUTPUTS_MAX: f64 = 63.0;
 
 impl Interpreter {
     /// S, T, M words up to the coolant, in the order of execution.
@@ -20,8 +20,8 @@ impl Interpreter {
         self.spindle_words(line, words)?;
         self.saved_mode_words(line, words)?;
         match words.code(Group::Coolant) {
-            Some((70, _)) => self.set_coolant(line, [true, self.coolant[1]]),
-            Some((80, _)) => self.set_coolant(line, [self.coolant[0], true]),
+            Some((70, _)) => self.set_coolant(line, [true, self.modes.coolant[1]]),
+            Some((80, _)) => self.set_coolant(line, [self.modes.coolant[0], true]),
             Some(_) => self.set_coolant(line, [false; 2]),
             None => {}
         }
@@ -37,7 +37,7 @@ impl Interpreter {
         let code = number / 10;
         if !self.setup.user_codes {
             let right = "user M-codes run a program of the machine builder: the machine file names their folder ([program] user_codes)";
-            return Err(Refusal::new(word.offset, format!("M{code}"), right));
+            return refuse(word.offset, format!("M{code}"), right);
         }
         let value = |letter| words.value(letter).map_or(-1.0, |word| word.value);
         let (p, q) = (value('P'), value('Q'));
@@ -47,7 +47,7 @@ impl Interpreter {
 
     /// Turns the spindle: 1 clockwise, −1 counter-clockwise, 0 stops it.
     pub(super) fn turn_spindle(&mut self, line: u32, direction: i32) {
-        self.spindle.direction = direction;
+        self.modes.spindle.direction = direction;
         let kind = match direction {
             0 => EventKind::SpindleStop,
             1 => EventKind::SpindleClockwise,
@@ -61,12 +61,7 @@ impl Interpreter {
             return Ok(());
         };
         if let Some(spindle) = words.value('$').filter(|spindle| spindle.value != 0.0) {
-            let found = format!("${}", spindle.value);
-            return Err(Refusal::new(
-                spindle.offset,
-                found,
-                "there is one spindle, $0",
-            ));
+            return spindle.refuse("there is one spindle, $0");
         }
         match number {
             30 => self.turn_spindle(line, 1),
@@ -75,9 +70,9 @@ impl Interpreter {
             _ => {
                 let Some(angle) = words.value('R') else {
                     let right = "the angle in degrees, such as M19 R90";
-                    return Err(Refusal::new(word.offset, "M19 without R", right));
+                    return refuse(word.offset, "M19 without R", right);
                 };
-                self.spindle.direction = 0;
+                self.modes.spindle.direction = 0;
                 self.event(line, EventKind::SpindleOrient(angle.value));
             }
         }
@@ -89,13 +84,13 @@ impl Interpreter {
         let [mist, flood] = coolant;
         // M9 says so even where nothing is on: levels that are set twice do no harm.
         let off = coolant == [false; 2];
-        if mist != self.coolant[0] || off {
+        if mist != self.modes.coolant[0] || off {
             self.event(line, EventKind::Mist(mist));
         }
-        if flood != self.coolant[1] || off {
+        if flood != self.modes.coolant[1] || off {
             self.event(line, EventKind::Flood(flood));
         }
-        self.coolant = coolant;
+        self.modes.coolant = coolant;
     }
 
     fn override_words(&mut self, line: u32, words: &Words) {
@@ -105,25 +100,24 @@ impl Interpreter {
         let on = words.value('P').is_none_or(|p| p.value != 0.0);
         match number {
             480 | 490 => {
-                self.feed_override = number == 480;
-                self.spindle_override = number == 480;
-                self.event(line, EventKind::OverridesEnabled(self.feed_override));
+                self.modes.feed_override = number == 480;
+                self.modes.spindle_override = number == 480;
+                self.event(line, EventKind::OverridesEnabled(self.modes.feed_override));
             }
             500 => {
-                self.feed_override = on;
+                self.modes.feed_override = on;
                 self.event(line, EventKind::OverridesEnabled(on));
             }
             510 => {
-                self.spindle_override = on;
-                self.note(
-                    line,
-                    "M51 has no effect: the speed of the spindle has no override",
-                );
+                self.modes.spindle_override = on;
+                let text = "M51 has no effect: the speed of the spindle has no override";
+                self.note(line, text);
             }
-            _ => self.note(
-                line,
-                "M52 and M53 (adaptive feed, feed stop) have no effect: there is no such input",
-            ),
+            _ => {
+                let text =
+                    "M52 and M53 (adaptive feed, feed stop) have no effect: there is no such input";
+                self.note(line, text);
+            }
         }
     }
 
@@ -136,21 +130,8 @@ impl Interpreter {
             let code = number / 10;
             let right = format!("its number, such as M{code} {letter}0");
             let found = format!("M{code} without {letter}");
-            let value = words
-                .value(letter)
-                .ok_or_else(|| Refusal::new(word.offset, found, right))?;
-            let sound =
-                value.value >= 0.0 && value.value < OUTPUTS_MAX && value.value.fract() == 0.0;
-            let found = format!("{letter}{}", value.value);
-            if sound {
-                Ok(value.value as u32)
-            } else {
-                Err(Refusal::new(
-                    value.offset,
-                    found,
-                    "a whole number from 0 to 63",
-                ))
-            }
+            let index = words.whole(letter, "a whole number", 0.0..=OUTPUTS_MAX)?;
+            index.ok_or_else(|| Refusal::new(word.offset, found, right))
         };
         let kind = match number {
             620..=650 => EventKind::DigitalOutput {

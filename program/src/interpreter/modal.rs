@@ -54,48 +54,48 @@ impl Interpreter {
         let offset = machine::offsets_file::WORK_OFFSETS.get(system);
         let mut codes = vec![
             shown('G', self.motion_mode()),
-            shown('G', f64::from(self.plane.0) * 10.0),
-            either(self.inches, "G20", "G21"),
+            shown('G', f64::from(self.modes.plane.0) * 10.0),
+            either(self.modes.inches, "G20", "G21"),
             shown('G', f64::from(self.compensation_code())),
             either(self.applies_offset(), "G43", "G49"),
             offset.copied().unwrap_or("G54").to_owned(),
-            shown('G', f64::from(self.path_control)),
-            either(self.incremental, "G91", "G90"),
-            shown('G', f64::from(self.feed_mode.code()) * 10.0),
-            either(self.surface.is_some(), "G96", "G97"),
-            either(self.returns_to_r, "G99", "G98"),
+            shown('G', f64::from(self.modes.path_control)),
+            either(self.modes.incremental, "G91", "G90"),
+            self.modes.feed_mode.to_string(),
+            either(self.modes.surface.is_some(), "G96", "G97"),
+            either(self.modes.returns_to_r, "G99", "G98"),
         ];
-        if self.diameters {
+        if self.modes.diameters {
             codes.push("G7".to_owned());
         }
         if self.parameters.get(base::G92_APPLIES) != 0.0 {
             codes.push("G92".to_owned());
         }
-        codes.push(match self.spindle.direction {
+        codes.push(match self.modes.spindle.direction {
             1.. => "M3".to_owned(),
             0 => "M5".to_owned(),
             _ => "M4".to_owned(),
         });
-        let coolant = [("M7", self.coolant[0]), ("M8", self.coolant[1])];
+        let coolant = [("M7", self.modes.coolant[0]), ("M8", self.modes.coolant[1])];
         codes.extend(
             coolant
                 .iter()
                 .filter(|(_, on)| *on)
                 .map(|(code, _)| (*code).to_owned()),
         );
-        if self.coolant == [false; 2] {
+        if self.modes.coolant == [false; 2] {
             codes.push("M9".to_owned());
         }
         codes.push(either(
-            self.feed_override && self.spindle_override,
+            self.modes.feed_override && self.modes.spindle_override,
             "M48",
             "M49",
         ));
         Modal {
             codes,
             work_offset: system,
-            feed: self.feed.map(|feed| feed.value),
-            speed: self.spindle.speed,
+            feed: self.modes.feed.map(|feed| feed.value),
+            speed: self.modes.spindle.speed,
             tool: self.tool.number,
             offsets: self.offsets,
         }

@@ -2,10 +2,10 @@
 //! Parameters*, *System Parameters*).
 
 use super::*;
-use crate::parameters::{POSITION_LETTERS, check_settable};
+use crate::parameters::check_settable;
 
 impl Lookup for Interpreter {
-    fn numbered(&self, number: u32) -> Result<f64, (String, String)> {
+    fn numbered(&self, number: u32) -> Result<f64, Refusal> {
         if (base::POSITION..base::POSITION + 9).contains(&number) {
             return Ok(self.position_of((number - base::POSITION) as usize));
         }
@@ -28,7 +28,7 @@ impl Lookup for Interpreter {
         value.or((!self.state_known).then_some(0.0))
     }
 
-    fn check_settable(&self, target: &Target) -> Result<(), (String, String)> {
+    fn check_settable(&self, target: &Target) -> Result<(), Refusal> {
         match target {
             Target::Numbered(number) => check_settable(*number),
             // LinuxCNC has no such names.
@@ -37,7 +37,7 @@ impl Lookup for Interpreter {
             }
             Target::Named(name) if name.starts_with('_') && self.predefined(name).is_some() => {
                 let right = "it tells of the machine; a name of your own, such as #<_depth>";
-                Err((format!("#<{name}>, which is read-only"), right.to_owned()))
+                refuse(0, format!("#<{name}>, which is read-only"), right)
             }
             Target::Named(_) => Ok(()),
         }
@@ -45,9 +45,9 @@ impl Lookup for Interpreter {
 }
 
 impl Interpreter {
-    /// Where the tool is along a letter of [`POSITION_LETTERS`], in the coordinates and unit of the program.
+    /// Where the tool is along a letter of [`AXIS_LETTERS`], in the coordinates and unit of the program.
     fn position_of(&self, letter: usize) -> f64 {
-        let index = POSITION_LETTERS
+        let index = AXIS_LETTERS
             .chars()
             .nth(letter)
             .and_then(|letter| self.setup.axis_index(letter));
@@ -74,31 +74,31 @@ impl Interpreter {
         Some(match name {
             "_x" | "_y" | "_z" | "_a" | "_b" | "_c" | "_u" | "_v" | "_w" => {
                 let letter = name.chars().nth(1)?.to_ascii_uppercase();
-                self.position_of(POSITION_LETTERS.find(letter)?)
+                self.position_of(AXIS_LETTERS.find(letter)?)
             }
             "_line" => f64::from(self.line),
-            "_ijk_absolute_mode" => is(self.arc_absolute),
+            "_ijk_absolute_mode" => is(self.modes.arc_absolute),
             "_adaptive_feed" => 0.0,
             "_feed_hold" => 1.0,
-            "_metric" => is(!self.inches),
-            "_imperial" => is(self.inches),
-            "_absolute" => is(!self.incremental),
-            "_incremental" => is(self.incremental),
-            "_inverse_time" => is(self.feed_mode == FeedMode::InverseTime),
-            "_units_per_minute" => is(self.feed_mode == FeedMode::PerMinute),
-            "_units_per_rev" => is(self.feed_mode == FeedMode::PerRevolution),
-            "_lathe_diameter_mode" => is(self.diameters),
-            "_lathe_radius_mode" => is(!self.diameters),
-            "_feed" => self.feed.map_or(0.0, |feed| feed.value),
-            "_rpm" => self.spindle.speed,
-            "_spindle_on" => is(self.spindle.direction != 0),
-            "_spindle_cw" => is(self.spindle.direction > 0),
-            "_spindle_css_mode" => is(self.surface.is_some()),
-            "_spindle_rpm_mode" => is(self.surface.is_none()),
-            "_mist" => is(self.coolant[0]),
-            "_flood" => is(self.coolant[1]),
-            "_feed_override" => is(self.feed_override),
-            "_speed_override" => is(self.spindle_override),
+            "_metric" => is(!self.modes.inches),
+            "_imperial" => is(self.modes.inches),
+            "_absolute" => is(!self.modes.incremental),
+            "_incremental" => is(self.modes.incremental),
+            "_inverse_time" => is(self.modes.feed_mode == FeedMode::InverseTime),
+            "_units_per_minute" => is(self.modes.feed_mode == FeedMode::PerMinute),
+            "_units_per_rev" => is(self.modes.feed_mode == FeedMode::PerRevolution),
+            "_lathe_diameter_mode" => is(self.modes.diameters),
+            "_lathe_radius_mode" => is(!self.modes.diameters),
+            "_feed" => self.modes.feed.map_or(0.0, |feed| feed.value),
+            "_rpm" => self.modes.spindle.speed,
+            "_spindle_on" => is(self.modes.spindle.direction != 0),
+            "_spindle_cw" => is(self.modes.spindle.direction > 0),
+            "_spindle_css_mode" => is(self.modes.surface.is_some()),
+            "_spindle_rpm_mode" => is(self.modes.surface.is_none()),
+            "_mist" => is(self.modes.coolant[0]),
+            "_flood" => is(self.modes.coolant[1]),
+            "_feed_override" => is(self.modes.feed_override),
+            "_speed_override" => is(self.modes.spindle_override),
             "_current_tool" => f64::from(self.tool.number),
             "_selected_tool" => self.tool.prepared.map_or(-1.0, f64::from),
             "_selected_pocket" => {
@@ -112,19 +112,19 @@ impl Interpreter {
                 system if system <= 6.0 => 530.0 + 10.0 * system,
                 system => 590.0 + (system - 6.0),
             },
-            "_plane" => f64::from(self.plane.0) * 10.0,
+            "_plane" => f64::from(self.modes.plane.0) * 10.0,
             "_motion_mode" => self.motion_mode(),
             "_ccomp" => f64::from(self.compensation_code()),
             "_tool_offset" => is(self.applies_offset()),
-            "_retract_r_plane" => is(self.returns_to_r),
-            "_retract_old_z" => is(!self.returns_to_r),
+            "_retract_r_plane" => is(self.modes.returns_to_r),
+            "_retract_old_z" => is(!self.modes.returns_to_r),
             "_call_level" => self.frames.depth() as f64,
             "_remap_level" | "_task" => 0.0,
             "_value" => self.returned.0,
             "_value_returned" => is(self.returned.1),
             "_vmajor" => 2.9,
             "_vminor" => 0.0,
-            "_control_mode" | "_path_control" => code(self.path_control),
+            "_control_mode" | "_path_control" => code(self.modes.path_control),
             _ => {
                 return name
                     .strip_prefix("_abs_")
@@ -142,9 +142,9 @@ impl Interpreter {
             Motion::Arc { clockwise: true } => 20.0,
             Motion::Arc { clockwise: false } => 30.0,
             Motion::Probe(number) => f64::from(number),
-            Motion::Cycle(cycle) => tenfold(cycle.code()),
-            Motion::Spline(spline) => tenfold(spline.code()),
-            Motion::InStep(motion) => tenfold(motion.code()),
+            Motion::Cycle(cycle) => f64::from(cycle as u32),
+            Motion::Spline(spline) => f64::from(spline as u32),
+            Motion::InStep(motion) => f64::from(motion as u32),
         }
     }
 
@@ -152,15 +152,9 @@ impl Interpreter {
     fn machine_place(&self, letter: &str) -> Option<f64> {
         let letter = letter.to_ascii_uppercase();
         let letter = letter.chars().next().filter(|_| letter.len() == 1)?;
-        POSITION_LETTERS.find(letter)?;
+        AXIS_LETTERS.find(letter)?;
         let index = self.setup.axis_index(letter);
         let place = index.and_then(|index| Some((index, self.position.get(index)?)));
         Some(place.map_or(0.0, |(index, place)| place / self.unit_of(index)))
     }
-}
-
-/// Ten times the number of a code.
-fn tenfold(code: &str) -> f64 {
-    let number = code.trim_start_matches('G').parse::<f64>();
-    number.map_or(0.0, |number| (number * 10.0).round())
 }

@@ -9,26 +9,30 @@ impl Interpreter {
         let Some((number, _)) = words.code(Group::WorkOffset) else {
             return;
         };
-        let system = match number {
-            591..=593 => number - 584,
-            _ => number / 10 - 53,
+        self.set_work_offset_of(number);
+        self.take_offsets();
+    }
+
+    /// Names the work offset of a code in the parameter for the one in force.
+    pub(super) fn set_work_offset_of(&mut self, code: u32) {
+        let system = match code {
+            591..=593 => code - 584,
+            _ => code / 10 - 53,
         };
         self.parameters.set(base::WORK_OFFSET, f64::from(system));
-        self.take_offsets();
     }
 
     /// The code of the block that is done once; its axis words are no motion.
     pub(super) fn once(&mut self, line: u32, words: &mut Words) -> Result<(), Vec<Refusal>> {
-        let one = |refusal| vec![refusal];
         let Some((number, word)) = words.code(Group::Once) else {
             return Ok(());
         };
         match number {
-            100 => self.set_data(words, word).map_err(one)?,
+            100 => self.set_data(words, word)?,
             280 => self.go_home(line, words, base::HOME_28, word)?,
             300 => self.go_home(line, words, base::HOME_30, word)?,
-            281 => self.keep_home(base::HOME_28),
-            301 => self.keep_home(base::HOME_30),
+            281 => self.set_vector(base::HOME_28, self.position),
+            301 => self.set_vector(base::HOME_30, self.position),
             520 => self.shift(words, |value, _| value),
             920 => self.shift(words, |value, here| here - value),
             921 => {
@@ -41,8 +45,8 @@ impl Interpreter {
             923 => self.set_g92(self.vector_of(base::G92_APPLIES + 1), true),
             _ => return Ok(()),
         }
-        AXIS_LETTERS.chars().for_each(|letter| words.remove(letter));
-        "IJKR".chars().for_each(|letter| words.remove(letter));
+        words.remove(AXIS_LETTERS);
+        words.remove("IJKR");
         Ok(())
     }
 
@@ -57,19 +61,12 @@ impl Interpreter {
     fn shift(&mut self, words: &Words, offset: impl Fn(f64, f64) -> f64) {
         let here = self.in_program(&self.position) + self.offsets.g92;
         let mut g92 = self.offsets.g92;
-        for index in 0..self.setup.axes.len() {
-            let here = here.get(index).copied().unwrap_or(0.0);
-            if let (Some(value), Some(component)) =
-                (self.axis_value(words, index), g92.get_mut(index))
-            {
-                *component = offset(value, here);
+        for (index, (component, here)) in g92.iter_mut().zip(&here).enumerate() {
+            if let Some(value) = self.axis_value(words, index) {
+                *component = offset(value, *here);
             }
         }
-        for (index, value) in g92.iter().enumerate() {
-            if let Some(number) = self.number_of(base::G92_APPLIES + 1, index) {
-                self.parameters.set(number, *value);
-            }
-        }
+        self.set_vector(base::G92_APPLIES + 1, g92);
         self.set_g92(g92, true);
     }
 
@@ -83,31 +80,21 @@ impl Interpreter {
     ) -> Result<(), Vec<Refusal>> {
         let mut home = self.vector_of(first);
         if words.first_of(AXIS_LETTERS).is_some() {
-            let over = self.motionless_target(words);
-            for (index, component) in home.iter_mut().enumerate() {
+            // Whatever the motion mode. G53 is no part of such a block, so nothing is refused.
+            let over = self.target(words).unwrap_or(self.position);
+            for (index, (component, over)) in home.iter_mut().zip(&over).enumerate() {
                 if self.axis_value(words, index).is_none() {
-                    *component = over.get(index).copied().unwrap_or(0.0);
+                    *component = *over;
                 }
             }
             self.rapid_to(line, words, over, word.offset)?;
         }
-        for (component, here) in home
-            .iter_mut()
-            .zip(self.position.iter())
-            .skip(self.setup.axes.len())
-        {
+        let places = home.iter_mut().zip(&self.position);
+        for (component, here) in places.skip(self.setup.axes.len()) {
             *component = *here;
         }
-        for (index, component) in home.iter_mut().enumerate() {
-            *component = self.on_shorter_way(index, *component);
-        }
+        let home = self.shorter_ways(home);
         self.rapid_to(line, words, home, word.offset)
-    }
-
-    /// Where the axis words lead, whatever the motion mode.
-    fn motionless_target(&self, words: &Words) -> AxisVector {
-        // G53 is no part of such a block, so nothing is refused.
-        self.target(words).unwrap_or(self.position)
     }
 
     fn rapid_to(
@@ -117,41 +104,20 @@ impl Interpreter {
         to: AxisVector,
         offset: usize,
     ) -> Result<(), Vec<Refusal>> {
-        let from = self.tool_place();
-        self.go(
-            line,
-            words,
-            vec![Shape::Line { from, to }],
-            Feed::Rapid,
-            offset,
-        )
-    }
-
-    /// G28.1 and G30.1.
-    fn keep_home(&mut self, first: u32) {
-        for index in 0..self.setup.axes.len() {
-            if let Some(number) = self.number_of(first, index) {
-                let here = self.position.get(index).copied().unwrap_or(0.0);
-                self.parameters.set(number, here);
-            }
-        }
+        let way = self.straight_to(to);
+        self.go(line, words, way, Feed::Rapid, offset)
     }
 
     /// G10.
     fn set_data(&mut self, words: &Words, word: Word) -> Result<(), Refusal> {
-        let how = words.value('L').map_or(-1.0, |l| l.value);
-        match how {
-            2.0 | 20.0 => self.set_work_offset(words, how == 20.0, word.offset),
-            1.0 | 10.0 | 11.0 => self.set_tool(words, how as u32, word.offset),
-            _ => {
-                let place = words.value('L').map_or(word.offset, |l| l.offset);
-                let right = "L2 and L20 set a work offset, L1, L10 and L11 a tool";
-                let found = match words.value('L') {
-                    Some(_) => format!("G10 L{how}"),
-                    None => "G10 without L".into(),
-                };
-                Err(Refusal::new(place, found, right))
-            }
+        let right = "L2 and L20 set a work offset, L1, L10 and L11 a tool";
+        let Some(l) = words.value('L') else {
+            return refuse(word.offset, "G10 without L", right);
+        };
+        match l.value {
+            2.0 | 20.0 => self.set_work_offset(words, l.value == 20.0, word.offset),
+            1.0 | 10.0 | 11.0 => self.set_tool(words, l.value as u32, word.offset),
+            _ => refuse(l.offset, format!("G10 {l}"), right),
         }
     }
 
@@ -162,13 +128,12 @@ impl Interpreter {
         by_place: bool,
         offset: usize,
     ) -> Result<(), Refusal> {
-        let p = words.value('P');
-        let given = p.map_or(-1.0, |p| p.value);
+        let given = words.value('P').map_or(-1.0, |p| p.value);
         let known = (0.0..=9.0).contains(&given) && given.fract() == 0.0;
         if !known {
             let right = "the work offset: P1 for G54 to P9 for G59.3, P0 for the one in force";
-            let place = p.map_or(offset, |p| p.offset);
-            return Err(Refusal::new(place, format!("G10 with P{given}"), right));
+            let found = format!("G10 with P{given}");
+            return refuse(words.place('P', offset), found, right);
         }
         let first = match given as u32 {
             0 => self.work_base(),
@@ -176,35 +141,28 @@ impl Interpreter {
         };
         if let Some(r) = words.value('R') {
             if by_place {
-                return Err(Refusal::new(
-                    r.offset,
-                    "R in G10 L20",
-                    "R belongs to G10 L2: the rotation",
-                ));
+                let right = "R belongs to G10 L2: the rotation";
+                return refuse(r.offset, "R in G10 L20", right);
             }
             self.parameters.set(first + 9, r.value);
         }
         let zero = self.zero_for(words, first);
         // Where X and Y are turned, the zero of one depends on both: else the tool would not be where the words say.
-        let turned_axes = self.offsets.turned_axes.filter(|&(x, y)| {
-            let turned = by_place && self.parameters.get(first + 9) != 0.0;
-            turned
-                && [x, y]
-                    .iter()
-                    .any(|&axis| self.axis_value(words, axis).is_some())
-        });
-        for index in 0..self.setup.axes.len() {
-            let of_zero = zero.get(index).copied();
-            let value = if turned_axes.is_some_and(|(x, y)| index == x || index == y) {
-                of_zero
-            } else {
-                let given = self.axis_value(words, index);
-                given.and_then(|value| if by_place { of_zero } else { Some(value) })
-            };
-            if let (Some(value), Some(number)) = (value, self.number_of(first, index)) {
-                self.parameters.set(number, value);
+        let turned = by_place && self.parameters.get(first + 9) != 0.0;
+        let turned_axes = self.offsets.turned_axes.filter(|_| turned);
+        let is_named = |axis: usize| self.axis_value(words, axis).is_some();
+        let turned_axes = turned_axes.filter(|&(x, y)| is_named(x) || is_named(y));
+        let mut offset = self.vector_of(first);
+        for (index, (component, zero)) in offset.iter_mut().zip(&zero).enumerate() {
+            let given = self.axis_value(words, index);
+            let by_turn = turned_axes.is_some_and(|(x, y)| index == x || index == y);
+            match given {
+                Some(value) if !by_place => *component = value,
+                None if !by_turn => {}
+                _ => *component = *zero,
             }
         }
+        self.set_vector(first, offset);
         // What was set by parameters takes force where the offset does.
         if first == self.work_base() {
             self.take_offsets();
@@ -218,12 +176,7 @@ impl Interpreter {
         there.work = self.vector_of(first);
         there.turn_by(self.parameters.get(first + 9));
         there.refresh_zero();
-        let mut place = there.in_program(&self.position);
-        for (index, component) in place.iter_mut().enumerate().take(self.setup.axes.len()) {
-            if let Some(value) = self.axis_value(words, index) {
-                *component = value;
-            }
-        }
+        let place = self.with_words(words, there.in_program(&self.position));
         there.work = AxisVector::zeros();
         there.refresh_zero();
         self.position - there.in_machine(&place)

@@ -2,9 +2,15 @@
 
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
+use std::collections::BTreeMap;
 
-use super::*;
-use crate::reading::Piece;
+use path::geometry::Element;
+
+use crate::program::{BLOCKS_MAX, Event, EventKind, Message, Note, Piece};
+use crate::refusal::{Refusal, refuse};
+
+/// The most elements of one path; an arc block makes up to two, a drilling block as many as it has moves.
+const ELEMENTS_MAX: u64 = 2 * BLOCKS_MAX as u64;
 
 /// What a program made so far, or made since somebody took it away.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
@@ -13,7 +19,7 @@ pub struct Output {
     #[serde(skip)]
     pub piece: Piece,
     /// How many elements, events and messages there were in all.
-    counts: Counts,
+    pub counts: Counts,
     /// How many elements there may be.
     pub bound: Bound,
     pub notes: Notes,
@@ -45,10 +51,10 @@ impl Default for Bound {
 
 /// How many elements, events and messages there were in all.
 #[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
-struct Counts {
-    elements: u64,
-    events: u64,
-    messages: u64,
+pub struct Counts {
+    pub elements: u64,
+    pub events: u64,
+    pub messages: u64,
 }
 
 /// How much there was at a moment.
@@ -62,16 +68,6 @@ impl Output {
     /// All that was made so far, as a number that grows with it.
     pub fn made(&self) -> u64 {
         self.counts.elements + self.counts.events + self.counts.messages
-    }
-
-    /// Elements, events and messages that were made so far.
-    pub fn counted(&self) -> [u64; 3] {
-        let Counts {
-            elements,
-            events,
-            messages,
-        } = self.counts;
-        [elements, events, messages]
     }
 
     pub fn elements_made(&self) -> u64 {
@@ -139,7 +135,7 @@ impl Output {
         } else {
             format!("more than {most} {of}")
         };
-        Err(Refusal::new(offset, found, right))
+        refuse(offset, found, right)
     }
 
     /// A block begins, if the elements of one are counted.

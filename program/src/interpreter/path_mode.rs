@@ -12,15 +12,13 @@ impl Interpreter {
             };
             let tolerance_mm = word.value * self.unit_mm();
             if !(0.0..=TOLERANCE_MAX_MM).contains(&tolerance_mm) {
-                let found = format!("{letter}{}", word.value);
-                let right = "a tolerance is 0 to 5 mm";
-                return Err(Refusal::new(word.offset, found, right));
+                return word.refuse("a tolerance is 0 to 5 mm");
             }
-            if let Some(kept) = self.path_words.get_mut(said) {
+            if let Some(kept) = self.modes.path_words.get_mut(said) {
                 *kept = Some(tolerance_mm);
             }
         }
-        if self.path_words == [None; 2] && self.setup.tolerance_mm <= 0.0 {
+        if self.modes.path_words == [None; 2] && self.setup.tolerance_mm <= 0.0 {
             let text = "G64 without P follows the exact path here: [path] tolerance_mm of the machine file says how far it may leave it";
             self.note(line, text);
         }
@@ -29,10 +27,10 @@ impl Interpreter {
 
     /// How far the path may be left now.
     pub(super) fn tolerance(&self) -> PathTolerance {
-        if self.path_control != 640 {
+        if self.modes.path_control != 640 {
             return PathTolerance::EXACT;
         }
-        let [corner_mm, chord_mm] = self.path_words;
+        let [corner_mm, chord_mm] = self.modes.path_words;
         let corner_mm = corner_mm.unwrap_or(self.setup.tolerance_mm);
         PathTolerance {
             corner_mm,
@@ -42,7 +40,7 @@ impl Interpreter {
 
     /// The tolerance of a motion, and whether the tool rests before it: in G61.1 it does before and after each.
     pub(super) fn path_mode(&mut self) -> (PathTolerance, bool) {
-        let stops = self.path_control == 611;
+        let stops = self.modes.path_control == 611;
         let stopped = std::mem::replace(&mut self.stops_exactly, stops);
         (self.tolerance(), stops || stopped)
     }

@@ -25,17 +25,16 @@ impl Interpreter {
         number: u32,
         offset: usize,
     ) -> Result<(), Vec<Refusal>> {
-        let one = |refusal| vec![refusal];
-        if self.feed_mode == FeedMode::InverseTime {
+        if self.modes.feed_mode == FeedMode::InverseTime {
             let right = "G94: how long the motion takes is not known";
-            return Err(one(Refusal::new(offset, "probing in G93", right)));
+            return refuse(offset, "probing in G93", right);
         }
-        let feed = self.feed(&target, offset).map_err(one)?;
+        let feed = self.feed(&target, offset)?;
         let from = self.tool_place();
         let before = self.output.mark();
         let elements_before = self.output.elements_made();
         self.output.straight_feeds += 1;
-        let way = vec![Shape::Line { from, to: target }];
+        let way = self.straight_to(target);
         self.run_move(line, words, target, (way, Way::Line, feed), offset)?;
         let made = self.output.elements_made() > elements_before;
         let made = made.then(|| self.output.piece.elements.last().cloned());
@@ -55,7 +54,7 @@ impl Interpreter {
             away,
             must,
         };
-        self.ask(question).map_err(one)
+        Ok(self.ask(question)?)
     }
 
     /// M66.
@@ -65,36 +64,27 @@ impl Interpreter {
         words: &Words,
         offset: usize,
     ) -> Result<(), Refusal> {
-        let whole = |letter: char, most: usize| -> Result<Option<u32>, Refusal> {
-            let Some(word) = words.value(letter) else {
-                return Ok(None);
-            };
-            if (0.0..=most as f64).contains(&word.value) && word.value.fract() == 0.0 {
-                return Ok(Some(word.value as u32));
-            }
-            let found = format!("{letter}{}", word.value);
-            let right = format!("a whole number from 0 to {most}");
-            Err(Refusal::new(word.offset, found, right))
-        };
+        let whole =
+            |letter: char, most: usize| words.whole(letter, "a whole number", 0.0..=most as f64);
         let digital = whole('P', DIGITAL_INPUTS - 1)?;
         let analog = whole('E', ANALOG_INPUTS - 1)?;
         let (Some(number), true) = (digital.or(analog), digital.is_none() || analog.is_none())
         else {
             let right =
                 "one input: P for a digital one, E for an analogue one, such as M66 P0 L3 Q5";
-            return Err(Refusal::new(offset, "M66", right));
+            return refuse(offset, "M66", right);
         };
         let wait = whole('L', InputWait::ALL.len() - 1)?.unwrap_or(0);
         let wait = InputWait::ALL.get(wait as usize).copied();
         let wait = wait.unwrap_or(InputWait::Immediate);
         if analog.is_some() && wait != InputWait::Immediate {
             let right = "an analogue input is read at once: L0";
-            return Err(Refusal::new(offset, "M66 E with L", right));
+            return refuse(offset, "M66 E with L", right);
         }
         let timeout_s = words.value('Q').map_or(0.0, |q| q.value);
         if wait != InputWait::Immediate && !(timeout_s > 0.0 && timeout_s <= WAIT_S_MAX) {
             let right = "the longest wait in seconds, above 0, such as M66 P0 L3 Q5";
-            return Err(Refusal::new(offset, format!("Q{timeout_s}"), right));
+            return refuse(offset, format!("Q{timeout_s}"), right);
         }
         let asked = AskedInput {
             number,
@@ -162,7 +152,7 @@ impl Interpreter {
                     "a probe that made no contact to the end of its motion"
                 };
                 let right = "G38.3 and G38.5 go on then, with 0 in #5070";
-                return Err(Refusal::new(0, found, right));
+                return refuse(0, found, right);
             }
             (Question::Probe { element, .. }, Answer::Missed { rests }) => {
                 self.probed(element, rests, rests, false);
@@ -182,13 +172,11 @@ impl Interpreter {
         let element = Element::new(way.line, shape, way.feed, &self.rotary);
         self.output.add(element);
         self.position = rests;
-        let place = self.in_program(&at);
-        for index in 0..self.setup.axes.len() {
-            if let Some(number) = self.number_of(base::PROBED, index) {
-                let value = place.get(index).copied().unwrap_or(0.0) / self.unit_of(index);
-                self.parameters.set(number, value);
-            }
+        let mut place = self.in_program(&at);
+        for (index, component) in place.iter_mut().enumerate() {
+            *component /= self.unit_of(index);
         }
+        self.set_vector(base::PROBED, place);
         let tripped = f64::from(u8::from(tripped));
         self.parameters.set(base::PROBED + 9, tripped);
     }

@@ -1,81 +1,8 @@
 //! The words of splines: G5, G5.1, and G5.2 to G5.3.
 
 use super::*;
-use crate::splines::{ControlPoint, Curve, Place};
-use serde::{Deserialize, Serialize};
-
-/// Which spline a block is of.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Spline {
-    /// G5.
-    Cubic,
-    /// G5.1.
-    Quadratic,
-    /// G5.2: control points up to G5.3.
-    Nurbs,
-}
-
-/// What splines keep from block to block.
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
-pub struct SplineState {
-    /// Behind a G5: the step to the first control point of one that gives none, in the program's axes.
-    leaves_mm: Option<Place>,
-    /// Between G5.2 and G5.3.
-    open: Option<OpenCurve>,
-}
-
-/// A NURBS whose control points are still being given.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-struct OpenCurve {
-    points: Vec<ControlPoint>,
-    order: usize,
-    line: u32,
-}
-
-/// The order of a NURBS that gives none.
-const ORDER: usize = 3;
-
-impl Spline {
-    /// The spline of a code, given ten times its number.
-    pub fn of_code(number: u32) -> Option<Self> {
-        match number {
-            50 => Some(Spline::Cubic),
-            51 => Some(Spline::Quadratic),
-            52 => Some(Spline::Nurbs),
-            _ => None,
-        }
-    }
-
-    /// The letters it makes use of, beside those of the axes.
-    pub fn letters(self) -> &'static str {
-        match self {
-            Spline::Cubic => "IJPQ",
-            Spline::Quadratic => "IJ",
-            Spline::Nurbs => "PL",
-        }
-    }
-
-    /// Its code.
-    pub fn code(self) -> &'static str {
-        match self {
-            Spline::Cubic => "G5",
-            Spline::Quadratic => "G5.1",
-            Spline::Nurbs => "G5.2",
-        }
-    }
-}
-
-impl SplineState {
-    /// Whether there is nothing that another motion would end.
-    pub fn is_idle(&self) -> bool {
-        self.leaves_mm.is_none() && self.open.is_none()
-    }
-
-    /// The line in which a NURBS begins that has no end.
-    pub fn open_since(&self) -> Option<u32> {
-        self.open.as_ref().map(|open| open.line)
-    }
-}
+use crate::flat::Flat;
+use crate::splines::{ControlPoint, Curve, ORDER, OpenCurve, POINTS_MAX};
 
 impl Interpreter {
     /// Refuses what leaves a NURBS open, and forgets what only a spline behind a spline knows.
@@ -92,15 +19,9 @@ impl Interpreter {
             .filter(|(number, _)| matches!(number, 20 | 300));
         let other = number.filter(|(number, _)| !matches!(number, 52 | 53));
         if let Some((_, word)) = other.or(ends) {
-            let found = format!(
-                "{}{} in the spline that G5.2 began in line {}",
-                word.letter, word.value, open.line
-            );
-            return Err(Refusal::new(
-                word.offset,
-                found,
-                "end the spline with G5.3 before it",
-            ));
+            let line = open.line;
+            let found = format!("{word} in the spline that G5.2 began in line {line}");
+            return refuse(word.offset, found, "end the spline with G5.3 before it");
         }
         Ok(())
     }
@@ -113,41 +34,38 @@ impl Interpreter {
         spline: Spline,
         offset: usize,
     ) -> Result<(), Vec<Refusal>> {
-        let one = |refusal| vec![refusal];
-        let plane = self
-            .spline_plane(spline.code(), words, offset)
-            .map_err(one)?;
+        let plane = self.spline_plane(&spline.to_string(), words, offset)?;
         if spline == Spline::Nurbs {
-            return self.control_point(line, words, plane, offset).map_err(one);
+            return Ok(self.control_point(line, words, plane, offset)?);
         }
         if words.first_of("XY").is_none() {
-            let found = format!("{} without a place", spline.code());
-            return Err(one(Refusal::new(offset, found, "say where it ends: X, Y")));
+            let found = format!("{spline} without a place");
+            return refuse(offset, found, "say where it ends: X, Y");
         }
-        let target = self.target(words).map_err(one)?;
-        self.feed(&target, offset).map_err(one)?;
-        let [start, end] = [self.position, target].map(|place| in_plane(&place, plane));
+        let target = self.target(words)?;
+        self.feed(&target, offset)?;
+        let [start, end] = [self.position, target].map(|place| Flat::of(&place, plane));
         let curve = if spline == Spline::Quadratic {
-            let Some(first) = self.pair(words, ['I', 'J'], plane, offset).map_err(one)? else {
+            let Some(first) = self.pair(words, ['I', 'J'], plane, offset)? else {
                 let right = "I and J: from the start to the control point";
-                return Err(one(Refusal::new(offset, "G5.1 without I and J", right)));
+                return refuse(offset, "G5.1 without I and J", right);
             };
-            Curve::quadratic(start, added(start, first), end)
+            Curve::quadratic(start, start + first, end)
         } else {
-            let first = match self.pair(words, ['I', 'J'], plane, offset).map_err(one)? {
+            let first = match self.pair(words, ['I', 'J'], plane, offset)? {
                 Some(first) => first,
                 None => self.splines.leaves_mm.ok_or_else(|| {
                     let right = "I and J: from the start to the first control point; only a G5 \
                                  behind a G5 goes on without them";
-                    one(Refusal::new(offset, "G5 without I and J", right))
+                    Refusal::new(offset, "G5 without I and J", right)
                 })?,
             };
-            let Some(second) = self.pair(words, ['P', 'Q'], plane, offset).map_err(one)? else {
+            let Some(second) = self.pair(words, ['P', 'Q'], plane, offset)? else {
                 let right = "P and Q: from the end to the second control point";
-                return Err(one(Refusal::new(offset, "G5 without P and Q", right)));
+                return refuse(offset, "G5 without P and Q", right);
             };
-            self.splines.leaves_mm = Some(second.map(|mm| -mm));
-            Curve::cubic(start, added(start, first), added(end, second), end)
+            self.splines.leaves_mm = Some(-second);
+            Curve::cubic(start, start + first, end + second, end)
         };
         self.follow(line, words, &curve, plane, offset)
     }
@@ -159,29 +77,23 @@ impl Interpreter {
         words: &Words,
         offset: usize,
     ) -> Result<(), Vec<Refusal>> {
-        let one = |refusal| vec![refusal];
         if let Some(word) = words.first_of(AXIS_LETTERS) {
-            let found = format!("{}{} in the block of G5.3", word.letter, word.value);
+            let found = format!("{word} in the block of G5.3");
             let right = "the last control point belongs to G5.2, in a block before it";
-            return Err(one(Refusal::new(word.offset, found, right)));
+            return refuse(word.offset, found, right);
         }
         let Some(open) = self.splines.open.take() else {
             let right = "G5.2 and its control points before it";
-            return Err(one(Refusal::new(offset, "G5.3 without G5.2", right)));
+            return refuse(offset, "G5.3 without G5.2", right);
         };
-        let plane = self.spline_plane("G5.3", words, offset).map_err(one)?;
+        let plane = self.spline_plane("G5.3", words, offset)?;
         self.motion = Motion::None;
-        let start = in_plane(&self.position, plane);
+        let start = Flat::of(&self.position, plane);
         if open.points.first().is_none_or(|first| first.at_mm != start) {
             let right = "no motion between G5.2 and G5.3: the curve starts where the tool was";
-            return Err(one(Refusal::new(
-                offset,
-                "G5.3 behind another motion",
-                right,
-            )));
+            return refuse(offset, "G5.3 behind another motion", right);
         }
-        let curve = Curve::nurbs(open.points, open.order)
-            .map_err(|(found, right)| one(Refusal::new(offset, found, right)))?;
+        let curve = Curve::nurbs(open.points, open.order).map_err(|wrong| wrong.at(offset))?;
         self.follow(line, words, &curve, plane, offset)
     }
 
@@ -196,26 +108,19 @@ impl Interpreter {
         let [x, y, p, l] = ['X', 'Y', 'P', 'L'].map(|letter| words.value(letter));
         if x.is_some() != y.is_some() {
             let right = "both X and Y of a control point";
-            return Err(Refusal::new(
-                offset,
-                "a control point of one coordinate",
-                right,
-            ));
+            return refuse(offset, "a control point of one coordinate", right);
         }
         let first = self.splines.open.is_none();
         let weight = match p {
             Some(p) if p.value > 0.0 => p.value,
-            Some(p) => {
-                let found = format!("P{}", p.value);
-                return Err(Refusal::new(p.offset, found, "a weight is above 0"));
-            }
+            Some(p) => return p.refuse("a weight is above 0"),
             None if x.is_some() => {
                 let right = "P: its weight, such as P1";
-                return Err(Refusal::new(offset, "a control point without P", right));
+                return refuse(offset, "a control point without P", right);
             }
             None => 1.0,
         };
-        let start = in_plane(&self.position, plane);
+        let start = Flat::of(&self.position, plane);
         let target = self.target(words)?;
         let open = self.splines.open.get_or_insert_with(|| OpenCurve {
             // Without X and Y, P is the weight of the start.
@@ -228,25 +133,20 @@ impl Interpreter {
         });
         if let Some(l) = l {
             if l.value < ORDER as f64 || l.value.fract() != 0.0 {
-                let right = format!("an order is a whole number from {ORDER}");
-                return Err(Refusal::new(l.offset, format!("L{}", l.value), right));
+                return l.refuse(format!("an order is a whole number from {ORDER}"));
             }
             open.order = l.value as usize;
         }
         if x.is_some() {
-            if open.points.len() >= crate::splines::POINTS_MAX {
-                let right = format!("at most {}: split the curve", crate::splines::POINTS_MAX);
-                return Err(Refusal::new(offset, "one control point too many", right));
+            if open.points.len() >= POINTS_MAX {
+                let right = format!("at most {POINTS_MAX}: split the curve");
+                return refuse(offset, "one control point too many", right);
             }
-            let at_mm = in_plane(&target, plane);
+            let at_mm = Flat::of(&target, plane);
             open.points.push(ControlPoint { at_mm, weight });
         } else if !first && p.is_some() {
             let right = "P without X and Y is the weight of the start: in the first block only";
-            return Err(Refusal::new(
-                offset,
-                "a weight without a control point",
-                right,
-            ));
+            return refuse(offset, "a weight without a control point", right);
         }
         Ok(())
     }
@@ -258,21 +158,13 @@ impl Interpreter {
         words: &Words,
         offset: usize,
     ) -> Result<[usize; 2], Refusal> {
-        if self.plane.0 != 17 {
-            let found = format!("{code} in G{}", self.plane.0);
-            return Err(Refusal::new(
-                offset,
-                found,
-                "splines lie in the plane XY: G17 before it",
-            ));
+        if self.modes.plane.0 != 17 {
+            let found = format!("{code} in G{}", self.modes.plane.0);
+            return refuse(offset, found, "splines lie in the plane XY: G17 before it");
         }
         if let Some(word) = words.first_of("ZABCUVW") {
-            let found = format!("{}{} in {code}", word.letter, word.value);
-            return Err(Refusal::new(
-                word.offset,
-                found,
-                "a spline moves X and Y only",
-            ));
+            let found = format!("{word} in {code}");
+            return refuse(word.offset, found, "a spline moves X and Y only");
         }
         self.plane_axes(offset)
     }
@@ -284,27 +176,22 @@ impl Interpreter {
         letters: [char; 2],
         plane: [usize; 2],
         offset: usize,
-    ) -> Result<Option<Place>, Refusal> {
+    ) -> Result<Option<Flat>, Refusal> {
+        let [one, other] = letters;
         match letters.map(|letter| words.value(letter)) {
             [Some(first), Some(second)] => {
-                let mut step = AxisVector::zeros();
-                for (axis, word) in plane.iter().zip([first, second]) {
-                    if let Some(component) = step.get_mut(*axis) {
-                        *component = word.value * self.unit_mm();
-                    }
-                }
-                Ok(Some(in_plane(&self.turned(step), plane)))
+                let step = Flat::new(first.value, second.value) * self.unit_mm();
+                let step = step.put_into(AxisVector::zeros(), plane);
+                Ok(Some(Flat::of(&self.turned(step), plane)))
             }
             [None, None] => Ok(None),
             [given, _] => {
-                let (there, missing) = if given.is_some() {
-                    (letters[0], letters[1])
-                } else {
-                    (letters[1], letters[0])
+                let found = match given {
+                    Some(_) => format!("{one} without {other}"),
+                    None => format!("{other} without {one}"),
                 };
-                let found = format!("{there} without {missing}");
-                let right = format!("both {} and {}, or neither", letters[0], letters[1]);
-                Err(Refusal::new(offset, found, right))
+                let right = format!("both {one} and {other}, or neither");
+                refuse(offset, found, right)
             }
         }
     }
@@ -318,25 +205,11 @@ impl Interpreter {
         plane: [usize; 2],
         offset: usize,
     ) -> Result<(), Vec<Refusal>> {
-        let one = |refusal| vec![refusal];
-        let mut end = self.position;
-        for (axis, mm) in plane.iter().zip(curve.end()) {
-            if let Some(component) = end.get_mut(*axis) {
-                *component = mm;
-            }
-        }
+        let end = curve.end().put_into(self.position, plane);
         let shapes = curve
             .shapes(&self.position, plane)
-            .map_err(|(found, right)| one(Refusal::new(offset, found, right)))?;
-        let feed = self.feed_along(words, &shapes, &end, offset).map_err(one)?;
+            .map_err(|wrong| wrong.at(offset))?;
+        let feed = self.feed_along(words, &shapes, &end, offset)?;
         self.go(line, words, shapes, feed, offset)
     }
-}
-
-fn in_plane(place: &AxisVector, plane: [usize; 2]) -> Place {
-    plane.map(|axis| place.get(axis).copied().unwrap_or(0.0))
-}
-
-fn added(place: Place, step: Place) -> Place {
-    [place[0] + step[0], place[1] + step[1]]
 }

@@ -3,46 +3,6 @@
 use super::*;
 use crate::straight::{FEED, Straight};
 
-/// What the axes of a machine are to straight motion.
-#[derive(Debug, Clone, Default)]
-pub struct Axes {
-    /// Their letters, as bits.
-    letters: u32,
-    /// Which of them turn; none does.
-    has_rotary: bool,
-    /// Which of them turn without end; none does.
-    has_endless: bool,
-    /// Each: the index of its letter, the lowest and the highest place.
-    each: Vec<(usize, f64, f64)>,
-}
-
-impl Axes {
-    /// The axes of a machine.
-    pub fn of(setup: &Setup) -> Self {
-        let letter_of = |letter: char| (letter as usize).wrapping_sub('A' as usize) % 26;
-        Self {
-            letters: setup
-                .axes
-                .iter()
-                .fold(0, |bits, axis| bits | 1 << letter_of(axis.letter)),
-            has_rotary: setup.axes.iter().any(|axis| axis.rotary),
-            has_endless: setup.axes.iter().any(|axis| axis.modulo),
-            each: setup
-                .axes
-                .iter()
-                .map(|axis| {
-                    let low = axis.travel_min - TRAVEL_ROUNDING;
-                    (
-                        letter_of(axis.letter),
-                        low,
-                        axis.travel_max + TRAVEL_ROUNDING,
-                    )
-                })
-                .collect(),
-        }
-    }
-}
-
 impl Interpreter {
     /// Does a block of straight motion; false, and nothing done, if it needs more than that or is refused.
     pub fn straight(&mut self, line: u32, block: &Straight) -> bool {
@@ -55,7 +15,7 @@ impl Interpreter {
             && self.beside.is_none()
             && self.stands.is_none()
             && self.offsets.turn.is_none()
-            && self.feed_mode == FeedMode::PerMinute
+            && self.modes.feed_mode == FeedMode::PerMinute
             && self.splines.is_idle();
         let moved = block.present & !FEED;
         if !plain || moved == 0 || moved & !self.axes.letters != 0 {
@@ -81,7 +41,7 @@ impl Interpreter {
         };
         let from = std::mem::replace(&mut self.position, target);
         let length_mm = displacement_length_mm(&(target - from), &self.rotary);
-        self.feed = feed_word;
+        self.modes.feed = feed_word;
         self.motion = if rapid { Motion::Rapid } else { Motion::Line };
         self.output.straight_feeds += u32::from(!rapid);
         if length_mm > 0.0 {
@@ -103,7 +63,7 @@ impl Interpreter {
     #[expect(clippy::option_option, reason = "a feed that is none is one")]
     fn feed_of(&self, block: &Straight) -> Option<Option<FeedWord>> {
         if block.present & FEED == 0 {
-            return Some(self.feed);
+            return Some(self.modes.feed);
         }
         let value = block.values.get(FEED.trailing_zeros() as usize).copied()?;
         let unit_mm = self.unit_mm();
@@ -127,13 +87,15 @@ impl Interpreter {
             if letter == x {
                 value = self.radius_of(value);
             }
-            let from = if self.incremental { *component } else { *zero };
+            let from = if self.modes.incremental {
+                *component
+            } else {
+                *zero
+            };
             *component = from + value;
         }
-        if self.axes.has_endless && !self.incremental {
-            for (index, component) in target.iter_mut().enumerate() {
-                *component = self.on_shorter_way(index, *component);
-            }
+        if self.axes.has_endless && !self.modes.incremental {
+            return self.shorter_ways(target);
         }
         target
     }

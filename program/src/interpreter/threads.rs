@@ -1,52 +1,10 @@
 //! The words of motions in step with the spindle: G33, G33.1 and G76.
 
 use super::*;
-use crate::threading::{Move, ThreadRefusal, Threading, synchronised};
-use serde::{Deserialize, Serialize};
+use crate::threading::{Move, Threading};
 
 /// The most passes at full depth (H of G76).
 const SPRING_PASSES_MAX: f64 = 1_000.0;
-
-/// A motion in step with the spindle.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-pub enum InStep {
-    /// G33.
-    Line,
-    /// G33.1.
-    RigidTap,
-    /// G76.
-    Thread,
-}
-
-impl InStep {
-    /// The motion of a code, given ten times its number.
-    pub fn of_code(number: u32) -> Option<Self> {
-        match number {
-            330 => Some(InStep::Line),
-            331 => Some(InStep::RigidTap),
-            760 => Some(InStep::Thread),
-            _ => None,
-        }
-    }
-
-    /// The letters it makes use of, beside those of the axes.
-    pub fn letters(self) -> &'static str {
-        match self {
-            InStep::Line => "K$",
-            InStep::RigidTap => "KI$",
-            InStep::Thread => "PIJKRQHEL$",
-        }
-    }
-
-    /// Its code.
-    pub fn code(self) -> &'static str {
-        match self {
-            InStep::Line => "G33",
-            InStep::RigidTap => "G33.1",
-            InStep::Thread => "G76",
-        }
-    }
-}
 
 impl Interpreter {
     /// The motion of a block in step with the spindle.
@@ -57,45 +15,30 @@ impl Interpreter {
         motion: InStep,
         offset: usize,
     ) -> Result<(), Vec<Refusal>> {
-        let one = |refusal| vec![refusal];
-        let code = motion.code();
         if words.first_of(AXIS_LETTERS).is_none() {
             let right = "say where to, such as Z-10";
-            return Err(one(Refusal::new(
-                offset,
-                format!("{code} without a place"),
-                right,
-            )));
+            return refuse(offset, format!("{motion} without a place"), right);
         }
-        self.check_speed_is_constant(code, offset).map_err(one)?;
-        if self.spindle.direction == 0 || self.spindle.speed <= 0.0 {
-            let found = format!("{code} with a spindle that stands");
+        self.check_speed_is_constant(motion, offset)?;
+        if self.modes.spindle.direction == 0 || self.modes.spindle.speed <= 0.0 {
+            let found = format!("{motion} with a spindle that stands");
             let right = "S and M3 or M4 before it: the motion follows the spindle";
-            return Err(one(Refusal::new(offset, found, right)));
+            return refuse(offset, found, right);
         }
         if motion == InStep::Thread {
-            let moves = self.thread(words, offset).map_err(one)?;
+            let moves = self.thread(words, offset)?;
             return self.follow_spindle(line, words, &moves, offset);
         }
-        let place = |(letter, found, right): ThreadRefusal| {
-            let word = letter.and_then(|letter| words.value(letter));
-            one(Refusal::new(
-                word.map_or(offset, |word| word.offset),
-                found,
-                right,
-            ))
-        };
         let Some(k) = words.value('K') else {
             let right = "K: the way for each turn of the spindle";
-            return Err(one(Refusal::new(
-                offset,
-                format!("{code} without K"),
-                right,
-            )));
+            return refuse(offset, format!("{motion} without K"), right);
         };
-        let target = self.target(words).map_err(one)?;
-        let mm_per_rev = k.value * self.unit_mm();
-        let there = synchronised(target, mm_per_rev).map_err(place)?;
+        let (to, mm_per_rev) = (self.target(words)?, k.value * self.unit_mm());
+        if mm_per_rev <= 0.0 {
+            let found = format!("a motion of {mm_per_rev} mm for each turn of the spindle");
+            return refuse(k.offset, found, "K, the way for each turn, is above 0");
+        }
+        let there = Move::Synchronised { to, mm_per_rev };
         if motion == InStep::Line {
             return self.follow_spindle(line, words, &[there], offset);
         }
@@ -117,14 +60,13 @@ impl Interpreter {
         };
         let faster = words.value('I');
         if let Some(word) = faster.filter(|word| word.value <= 0.0) {
-            let found = format!("I{}", word.value);
             let right = "how many times as fast the spindle turns on the way back: above 0";
-            return Err(vec![Refusal::new(word.offset, found, right)]);
+            return word.refuse(right);
         }
         let Spindle {
             speed: speed_rpm,
             direction,
-        } = self.spindle;
+        } = self.modes.spindle;
         self.event(line, EventKind::SpindleCoupled(mm_per_rev));
         self.follow_spindle(line, words, &[there], offset)?;
         if let Some(word) = faster {
@@ -142,25 +84,22 @@ impl Interpreter {
 
     /// The passes of G76.
     fn thread(&self, words: &Words, offset: usize) -> Result<Vec<Move>, Refusal> {
-        let (number, _, _) = self.plane;
+        let (number, _, _) = self.modes.plane;
         if number != 18 {
             let found = format!("G76 in G{number}");
-            return Err(Refusal::new(
-                offset,
-                found,
-                "threads are cut in the plane ZX: G18 before it",
-            ));
+            let right = "threads are cut in the plane ZX: G18 before it";
+            return refuse(offset, found, right);
         }
         if let Some(word) = words.first_of("XYABCUVW") {
-            let found = format!("{}{} in G76", word.letter, word.value);
+            let found = format!("{word} in G76");
             let right =
                 "G76 cuts along Z from where the tool is: put other axes into a block before it";
-            return Err(Refusal::new(word.offset, found, right));
+            return refuse(word.offset, found, right);
         }
         let [Some(x_axis), Some(z_axis)] = ['X', 'Z'].map(|letter| self.setup.axis_index(letter))
         else {
             let right = "threads are cut along Z at a depth of X: this machine has not both";
-            return Err(Refusal::new(offset, "G76", right));
+            return refuse(offset, "G76", right);
         };
         let value = |letter: char| words.value(letter).map(|word| word.value);
         let needed = |letter: char, what: &str| {
@@ -168,7 +107,8 @@ impl Interpreter {
         };
         // Along X, as X itself.
         let across = |letter, what| needed(letter, what).map(|length| self.radius_of(length));
-        let tapers = whole(words, 'L', 3.0)?;
+        let whole = |letter, most: f64| words.whole(letter, "a whole number", 0.0..=most);
+        let tapers = whole('L', 3.0)?.unwrap_or(0);
         let thread = Threading {
             from: self.position,
             end: self.target(words)?,
@@ -181,15 +121,13 @@ impl Interpreter {
             depth: across('K', "the full depth of the thread")?,
             degression: value('R').unwrap_or(1.0),
             slide_deg: value('Q').unwrap_or(0.0),
-            spring_passes: whole(words, 'H', SPRING_PASSES_MAX)?,
+            spring_passes: whole('H', SPRING_PASSES_MAX)?.unwrap_or(0),
             taper_mm: value('E').unwrap_or(0.0) * self.unit_mm(),
             tapers_in: tapers & 1 != 0,
             tapers_out: tapers & 2 != 0,
         };
-        thread.moves().map_err(|(letter, found, right)| {
-            let word = letter.and_then(|letter| words.value(letter));
-            Refusal::new(word.map_or(offset, |word| word.offset), found, right)
-        })
+        let moves = thread.moves();
+        moves.map_err(|(letter, wrong)| wrong.at(words.place(letter, offset)))
     }
 
     /// Makes moves; those in step with the spindle go as fast as it turns.
@@ -207,7 +145,7 @@ impl Interpreter {
                 Move::Rapid(to) => (to, None, Feed::Rapid),
                 Move::Synchronised { to, mm_per_rev } => {
                     self.output.straight_feeds += 1;
-                    let mm_s = mm_per_rev * self.spindle.speed / 60.0;
+                    let mm_s = mm_per_rev * self.modes.spindle.speed / 60.0;
                     (to, Some(mm_per_rev), Feed::PathMmS(mm_s))
                 }
             };
@@ -226,33 +164,11 @@ impl Interpreter {
         if pitch_mm.is_some() {
             self.in_step_event(line, None);
         }
-        if refusals.is_empty() {
-            Ok(())
-        } else {
-            Err(refusals)
-        }
+        if_none(refusals)
     }
 
     fn in_step_event(&mut self, line: u32, mm_per_rev: Option<f64>) {
         let kind = mm_per_rev.map_or(EventKind::SpindleReleased, EventKind::SpindleFollowed);
         self.event(line, kind);
-    }
-}
-
-/// A word that is a whole number from 0 to `most`; 0 if it is not there.
-fn whole(words: &Words, letter: char, most: f64) -> Result<u32, Refusal> {
-    match words.value(letter) {
-        None => Ok(0),
-        Some(word) if (0.0..=most).contains(&word.value) && word.value.fract() == 0.0 => {
-            Ok(word.value as u32)
-        }
-        Some(word) => {
-            let found = format!("{letter}{}", word.value);
-            Err(Refusal::new(
-                word.offset,
-                found,
-                format!("a whole number from 0 to {most}"),
-            ))
-        }
     }
 }

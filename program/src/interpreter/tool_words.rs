@@ -1,7 +1,6 @@
 //! Tools: T, M6, M61, and the length that G43 takes off.
 
 use super::*;
-use crate::parameters::POSITION_LETTERS;
 use crate::reader::Word;
 
 impl Interpreter {
@@ -14,13 +13,10 @@ impl Interpreter {
         if number == 0 || self.tools.is_empty() || self.tool_of(number).is_some() {
             return Ok(());
         }
-        let known: Vec<String> = self
-            .tools
-            .iter()
-            .map(|tool| tool.number.to_string())
-            .collect();
+        let known = self.tools.iter().map(|tool| tool.number.to_string());
+        let known: Vec<String> = known.collect();
         let right = format!("the tool table has {}", known.join(" "));
-        Err(Refusal::new(offset, found, right))
+        refuse(offset, found, right)
     }
 
     pub(super) fn prepare_tool(&mut self, line: u32, word: Word) -> Result<(), Refusal> {
@@ -38,27 +34,21 @@ impl Interpreter {
         };
         if number == 60 {
             let Some(tool) = self.tool.prepared else {
-                return Err(Refusal::new(
-                    word.offset,
-                    "M6 without T",
-                    "the tool, such as T1 M6",
-                ));
+                return refuse(word.offset, "M6 without T", "the tool, such as T1 M6");
             };
             self.tool.number = tool;
             // With the same tool nothing is changed on the machine, but the spindle stands all the same.
-            if self.spindle.direction != 0 {
+            if self.modes.spindle.direction != 0 {
                 self.turn_spindle(line, 0);
             }
             self.event(line, EventKind::ToolChange(tool));
         } else {
-            let Some(q) = words
-                .value('Q')
-                .filter(|q| q.value >= 0.0 && q.value.fract() == 0.0)
-            else {
+            let is_number = |q: &Word| q.value >= 0.0 && q.value.fract() == 0.0;
+            let Some(q) = words.value('Q').filter(is_number) else {
                 let right = "the tool that is in the spindle, such as M61 Q3";
-                return Err(Refusal::new(word.offset, "M61 without Q", right));
+                return refuse(word.offset, "M61 without Q", right);
             };
-            self.check_tool(q.value as u32, q.offset, format!("Q{}", q.value))?;
+            self.check_tool(q.value as u32, q.offset, q.to_string())?;
             self.tool.number = q.value as u32;
             self.event(line, EventKind::ToolIs(self.tool.number));
         }
@@ -82,10 +72,9 @@ impl Interpreter {
         if of != self.tool.offset_of {
             self.event(line, EventKind::ToolOffsetOf(of));
         }
-        for axis in 0..self.setup.axes.len() {
-            let (before, now) = (self.offsets.tool.get(axis), offset.get(axis).copied());
-            if let Some(value) = now.filter(|now| before != Some(now)) {
-                let axis = axis as u32;
+        let before = self.offsets.tool;
+        for (axis, (value, before)) in (0..).zip(offset.iter().copied().zip(&before)) {
+            if value != *before {
                 self.event(line, EventKind::ToolOffset { axis, value });
             }
         }
@@ -97,14 +86,7 @@ impl Interpreter {
 
     /// The parameters that tell of the offset that is applied (LinuxCNC 2.10, `Interp::convert_tool_length_offset`).
     fn show_applied_offset(&mut self) {
-        for index in 0..self.setup.axes.len() {
-            if let (Some(number), Some(value)) = (
-                self.number_of(base::APPLIED, index),
-                self.offsets.tool.get(index).copied(),
-            ) {
-                self.parameters.set(number, value);
-            }
-        }
+        self.set_vector(base::APPLIED, self.offsets.tool);
     }
 
     /// The parameters that tell of the tool in the spindle.
@@ -129,7 +111,7 @@ impl Interpreter {
     fn by_axis(&self, offset: &[f64; 9]) -> AxisVector {
         let mut vector = AxisVector::zeros();
         for (component, axis) in vector.iter_mut().zip(&self.setup.axes) {
-            let at = POSITION_LETTERS.find(axis.letter);
+            let at = AXIS_LETTERS.find(axis.letter);
             *component = at.and_then(|at| offset.get(at)).copied().unwrap_or(0.0);
         }
         vector
@@ -144,11 +126,8 @@ impl Interpreter {
         let (offset, of) = match number {
             490 => (AxisVector::zeros(), 0),
             431 => {
-                let mut offset = before;
-                for (index, component) in offset.iter_mut().enumerate() {
-                    *component = self.axis_value(words, index).unwrap_or(*component);
-                }
-                AXIS_LETTERS.chars().for_each(|letter| words.remove(letter));
+                let offset = self.with_words(words, before);
+                words.remove(AXIS_LETTERS);
                 (offset, 0)
             }
             430 => self.tool_of_h(line, words, word.offset)?,
@@ -202,26 +181,16 @@ impl Interpreter {
         let number = words.value('P').map_or(-1.0, |p| p.value);
         let known = number >= 0.0 && number.fract() == 0.0 && self.tool_of(number as u32).is_some();
         if !known {
-            let place = words.value('P').map_or(offset, |p| p.offset);
             let found = format!("G10 L{how} P{number}");
-            return Err(Refusal::new(
-                place,
-                found,
-                "the number of a tool of the tool table",
-            ));
+            let right = "the number of a tool of the tool table";
+            return refuse(words.place('P', offset), found, right);
         }
         let place = self.place_without_tool(how);
         let mut changed = self.tool_of(number as u32).cloned().unwrap_or_default();
-        for index in 0..self.setup.axes.len() {
-            let Some(value) = self.axis_value(words, index) else {
-                continue;
-            };
-            let letter = self.setup.axes.get(index).map_or('?', |axis| axis.letter);
-            let here = place.get(index).copied().unwrap_or(0.0);
-            if let Some(slot) = POSITION_LETTERS
-                .find(letter)
-                .and_then(|at| changed.offset.get_mut(at))
-            {
+        for (index, (axis, here)) in self.setup.axes.iter().zip(&place).enumerate() {
+            let slot = AXIS_LETTERS.find(axis.letter);
+            let slot = slot.and_then(|at| changed.offset.get_mut(at));
+            if let (Some(slot), Some(value)) = (slot, self.axis_value(words, index)) {
                 *slot = if how == 1 { value } else { here - value };
             }
         }

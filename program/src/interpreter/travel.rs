@@ -15,69 +15,50 @@ const PLACES: u32 = mask_of(AXIS_LETTERS) | mask_of("@^");
 impl Interpreter {
     /// The motion of a block, if it has one.
     pub(super) fn travel(&mut self, line: u32, words: &Words) -> Result<(), Vec<Refusal>> {
-        let one = |refusal| vec![refusal];
         let axis_word = words.first_in(PLACES);
         // The R of M19 is an angle of the spindle.
-        let orients = words.code(Group::Motion).is_none()
-            && words
-                .code(Group::Spindle)
-                .is_some_and(|(number, _)| number == 190);
+        let code = words.code(Group::Motion);
+        let orients = code.is_none() && matches!(words.code(Group::Spindle), Some((190, _)));
         let circle_word = words.first_of(if orients { "IJK" } else { "IJKR" });
-        let offset = words
-            .code(Group::Motion)
-            .map(|(_, word)| word)
-            .or(axis_word)
-            .or(circle_word);
-        let Some(offset) = offset.map(|word| word.offset) else {
+        let word = code.map(|(_, word)| word).or(axis_word).or(circle_word);
+        let Some(offset) = word.map(|word| word.offset) else {
             return Ok(());
         };
-        if let Some((number, _)) = words.code(Group::Motion)
-            && is_turning(number)
-        {
+        if code.is_some_and(|(number, _)| is_turning(number)) {
             // Done behind the block, by the lines of its profile.
             return Ok(());
         }
-        self.check_motion_beside(offset).map_err(one)?;
-        if let Some(done) = self.long_motion(line, words, offset) {
-            return done;
+        self.check_motion_beside(offset)?;
+        match self.motion {
+            _ if matches!(code, Some((53, _))) => return self.close_spline(line, words, offset),
+            Motion::Cycle(cycle) => return self.drill(line, words, cycle, offset),
+            Motion::Spline(spline) => return self.spline(line, words, spline, offset),
+            Motion::InStep(motion) => return self.in_step(line, words, motion, offset),
+            _ if axis_word.is_none() && circle_word.is_none() => return Ok(()),
+            _ => {}
         }
-        if axis_word.is_none() && circle_word.is_none() {
-            return Ok(());
-        }
-        let target = self.target(words).map_err(one)?;
-        let straight = || {
-            vec![Shape::Line {
-                from: self.tool_place(),
-                to: target,
-            }]
-        };
+        let target = self.target(words)?;
         let (shapes, way, feed) = match self.motion {
             Motion::None | Motion::Cycle(_) | Motion::Spline(_) | Motion::InStep(_) => {
                 let letter = axis_word.map_or('?', |word| word.letter);
                 let found = format!("{letter} without a motion mode");
                 let right = "say how to move: G0, G1, G2 or G3";
-                return Err(one(Refusal::new(offset, found, right)));
+                return refuse(offset, found, right);
             }
-            Motion::Rapid => (straight(), Way::Rapid, Feed::Rapid),
+            Motion::Rapid => (self.straight_to(target), Way::Rapid, Feed::Rapid),
             Motion::Probe(number) => return self.probe(line, words, target, number, offset),
             Motion::Line => {
-                let shapes = straight();
-                let feed = self
-                    .feed_along(words, &shapes, &target, offset)
-                    .map_err(one)?;
+                let shapes = self.straight_to(target);
+                let feed = self.feed_along(words, &shapes, &target, offset)?;
                 self.output.straight_feeds += 1;
                 (shapes, Way::Line, feed)
             }
             Motion::Arc { clockwise } => {
                 // A missing feed is told before a wrong arc.
-                self.feed(&target, offset).map_err(one)?;
+                self.feed(&target, offset)?;
                 self.output.arc_feeds += 1;
-                let (shapes, way) = self
-                    .arc_way(line, words, target, clockwise, offset)
-                    .map_err(one)?;
-                let feed = self
-                    .feed_along(words, &shapes, &target, offset)
-                    .map_err(one)?;
+                let (shapes, way) = self.arc_way(line, words, target, clockwise, offset)?;
+                let feed = self.feed_along(words, &shapes, &target, offset)?;
                 (shapes, way, feed)
             }
         };
@@ -94,31 +75,13 @@ impl Interpreter {
         offset: usize,
     ) -> Result<(Vec<Shape>, Way), Refusal> {
         let block = self.arc_block(words, target, clockwise, offset)?;
-        let wrong = |(found, right)| Refusal::new(offset, found, right);
+        let wrong = |wrong: Refusal| wrong.at(offset);
         let shapes = self.arc_shapes(&block, target).map_err(wrong)?;
         if block.is_spiral() {
             let text = "an arc whose ends are more than 0.002 mm unequally far from its centre: a circle through both ends is made of it";
             self.note(line, text);
         }
         Ok((shapes, Self::way_of(&block).map_err(wrong)?))
-    }
-
-    /// The motion of a block that makes many moves of its own: of a cycle, a spline or a thread; none for others.
-    fn long_motion(
-        &mut self,
-        line: u32,
-        words: &Words,
-        offset: usize,
-    ) -> Option<Result<(), Vec<Refusal>>> {
-        if matches!(words.code(Group::Motion), Some((53, _))) {
-            return Some(self.close_spline(line, words, offset));
-        }
-        match self.motion {
-            Motion::Cycle(cycle) => Some(self.drill(line, words, cycle, offset)),
-            Motion::Spline(spline) => Some(self.spline(line, words, spline, offset)),
-            Motion::InStep(motion) => Some(self.in_step(line, words, motion, offset)),
-            _ => None,
-        }
     }
 
     /// Adds shapes to the path; refuses those that leave the travel.
@@ -139,14 +102,14 @@ impl Interpreter {
         for shape in shapes {
             self.add_shape(line, shape, feed, per_turn);
         }
-        self.output
-            .check_room(0.0, offset)
-            .map_err(|refusal| vec![refusal])?;
-        if outside.is_empty() {
-            Ok(())
-        } else {
-            Err(outside)
-        }
+        self.output.check_room(0.0, offset)?;
+        if_none(outside)
+    }
+
+    /// A straight line from where the tool stands.
+    pub(super) fn straight_to(&self, to: AxisVector) -> Vec<Shape> {
+        let from = self.tool_place();
+        vec![Shape::Line { from, to }]
     }
 
     /// Where the block's axis words lead, in machine coordinates.
@@ -169,7 +132,7 @@ impl Interpreter {
         for (index, component) in target.iter_mut().enumerate().take(self.setup.axes.len()) {
             if let Some(value) = self.axis_value(words, index) {
                 let zero = self.offsets.zero.get(index).copied().unwrap_or(0.0);
-                *component = if self.incremental {
+                *component = if self.modes.incremental {
                     *component + value
                 } else {
                     self.on_shorter_way(index, zero + value)
@@ -191,19 +154,15 @@ impl Interpreter {
 
     /// Where polar words lead: X and Y by them, the other axes by their own words.
     fn polar_target(&self, words: &Words, word: Word) -> Result<AxisVector, Refusal> {
-        let slide = |letter| {
-            let index = self.setup.axis_index(letter);
-            index.filter(|&index| !self.rotary.get(index).copied().unwrap_or(true))
-        };
-        let Some(plane) = slide('X').zip(slide('Y')) else {
+        let [Some(x), Some(y)] = ['X', 'Y'].map(|letter| self.slide(letter)) else {
             let right = "@ and ^ are places in X and Y: this machine has no such slides";
-            return Err(Refusal::new(word.offset, "a polar word", right));
+            return refuse(word.offset, "a polar word", right);
         };
-        let plane = [plane.0, plane.1];
+        let plane = [x, y];
         if let Some(other) = words.first_of("XY") {
             let found = format!("{} beside a polar word", other.letter);
             let right = "X and Y, or @ and ^: one of the two in a block";
-            return Err(Refusal::new(other.offset, found, right));
+            return refuse(other.offset, found, right);
         }
         let polar = Polar {
             radius_mm: words.value('@').map(|word| word.value * self.unit_mm()),
@@ -211,8 +170,8 @@ impl Interpreter {
         };
         let from = Flat::of(&self.in_program(&self.position), plane);
         let place = polar
-            .place(from, self.incremental)
-            .map_err(|(found, right)| Refusal::new(word.offset, found, right))?;
+            .place(from, self.modes.incremental)
+            .map_err(|wrong| wrong.at(word.offset))?;
         let target = self.plain_target(words);
         let place = self.in_machine(&place.put_into(self.in_program(&target), plane));
         Ok(Flat::of(&place, plane).put_into(target, plane))
@@ -220,42 +179,34 @@ impl Interpreter {
 
     /// The same where the work offset is turned.
     fn turned_target(&self, words: &Words) -> AxisVector {
-        let mut place = if self.incremental {
-            AxisVector::zeros()
-        } else {
-            self.in_program(&self.position)
-        };
-        for (index, component) in place.iter_mut().enumerate().take(self.setup.axes.len()) {
-            if let Some(value) = self.axis_value(words, index) {
-                *component = value;
-            }
+        if self.modes.incremental {
+            let step = self.with_words(words, AxisVector::zeros());
+            return self.position + self.turned(step);
         }
-        if self.incremental {
-            return self.position + self.turned(place);
-        }
-        let mut target = self.in_machine(&place);
-        for (index, component) in target.iter_mut().enumerate() {
+        let place = self.with_words(words, self.in_program(&self.position));
+        self.shorter_ways(self.in_machine(&place))
+    }
+
+    /// A place, reached the shorter way by each axis that turns without end.
+    pub(super) fn shorter_ways(&self, mut place: AxisVector) -> AxisVector {
+        for (index, component) in place.iter_mut().enumerate() {
             *component = self.on_shorter_way(index, *component);
         }
-        target
+        place
     }
 
     /// G53: the words are machine coordinates.
     fn machine_target(&self, words: &Words, offset: usize) -> Result<AxisVector, Refusal> {
         if !matches!(self.motion, Motion::Rapid | Motion::Line) {
-            return Err(Refusal::new(
-                offset,
-                "G53 without G0 or G1",
-                "G53 goes with G0 or G1",
-            ));
+            return refuse(offset, "G53 without G0 or G1", "G53 goes with G0 or G1");
         }
-        if self.incremental {
+        if self.modes.incremental {
             let right = "machine coordinates are absolute: G90 before it";
-            return Err(Refusal::new(offset, "G53 in G91", right));
+            return refuse(offset, "G53 in G91", right);
         }
         if let Some(word) = words.first_of("@^") {
             let right = "machine coordinates are X, Y and the other axes";
-            return Err(Refusal::new(word.offset, "a polar word with G53", right));
+            return refuse(word.offset, "a polar word with G53", right);
         }
         let mut target = self.position;
         for (index, component) in target.iter_mut().enumerate().take(self.setup.axes.len()) {
@@ -268,28 +219,23 @@ impl Interpreter {
 
     /// The feed of a motion to `target`, by the feed that is in force.
     pub(super) fn feed(&self, target: &AxisVector, offset: usize) -> Result<Feed, Refusal> {
-        let Some(FeedWord { value, unit_mm }) = self.feed else {
-            let right = match self.feed_mode {
+        let Some(FeedWord { value, unit_mm }) = self.modes.feed else {
+            let right = match self.modes.feed_mode {
                 FeedMode::PerMinute => {
                     "give an F word (mm/min) in or before the first G1, G2 or G3"
                 }
                 FeedMode::PerRevolution => "give an F word (mm per revolution) behind G95",
                 FeedMode::InverseTime => "in G93 each feed motion has an F word of its own",
             };
-            return Err(Refusal::new(offset, "a feed motion without a feed", right));
+            return refuse(offset, "a feed motion without a feed", right);
         };
-        if self.feed_mode == FeedMode::PerRevolution {
-            if self.spindle.speed <= 0.0 {
+        if self.modes.feed_mode == FeedMode::PerRevolution {
+            if self.modes.spindle.speed <= 0.0 {
                 let right = "in G95 the feed follows the spindle: S and M3 or M4 before it";
-                return Err(Refusal::new(
-                    offset,
-                    "a feed per revolution without S",
-                    right,
-                ));
+                return refuse(offset, "a feed per revolution without S", right);
             }
-            return Ok(Feed::PathMmS(
-                value * unit_mm * self.spindle_rpm_at(target) / 60.0,
-            ));
+            let mm_s = value * unit_mm * self.spindle_rpm_at(target) / 60.0;
+            return Ok(Feed::PathMmS(mm_s));
         }
         Ok(self.feed_per_minute(FeedWord { value, unit_mm }, target))
     }
@@ -321,17 +267,17 @@ impl Interpreter {
         target: &AxisVector,
         offset: usize,
     ) -> Result<Feed, Refusal> {
-        if self.feed_mode != FeedMode::InverseTime {
+        if self.modes.feed_mode != FeedMode::InverseTime {
             return self.feed(target, offset);
         }
         let Some(f) = words.value('F').filter(|f| f.value > 0.0) else {
             let right = "in G93 each feed motion has an F word of its own";
-            return Err(Refusal::new(offset, "a feed motion without a feed", right));
+            return refuse(offset, "a feed motion without a feed", right);
         };
-        let length: f64 = shapes
+        let lengths = shapes
             .iter()
-            .map(|shape| shape.length_with_rotary_mm(&self.rotary))
-            .sum();
+            .map(|of| of.length_with_rotary_mm(&self.rotary));
+        let length: f64 = lengths.sum();
         Ok(Feed::PathMmS(length * f.value / 60.0))
     }
 
@@ -376,17 +322,12 @@ impl Interpreter {
             let zero = self.offsets.zero.get(index).copied().unwrap_or(0.0);
             let mut found = format!("axis {} would reach {value:.4} {unit}", axis.letter);
             if zero != 0.0 {
-                found += &format!(
-                    " in machine coordinates ({:.4} in the program's)",
-                    value - zero
-                );
+                let place = value - zero;
+                found += &format!(" in machine coordinates ({place:.4} in the program's)");
             }
-            let right = format!(
-                "the travel is {} to {} {unit}",
-                axis.travel_min, axis.travel_max
-            );
-            let offset = words.value(axis.letter).map_or(offset, |word| word.offset);
-            let mut refusal = Refusal::new(offset, found, right);
+            let (low, high) = (axis.travel_min, axis.travel_max);
+            let right = format!("the travel is {low} to {high} {unit}");
+            let mut refusal = Refusal::new(words.place(axis.letter, offset), found, right);
             refusal.state_stays_known = true;
             refusals.push(refusal);
         }

@@ -1,11 +1,11 @@
 //! The lathe cycles G70, G71 and G72: their words, the lines of their profile, and the moves that these become.
 
 use super::*;
+use crate::codes::shown_code;
 use crate::compensation::Way;
 use crate::flat::Flat;
 use crate::reader::Word;
 use crate::roughing::{Cut, Finishing, Piece, Pockets, Roughing, finishing, roughing};
-use crate::words::shown_code;
 
 /// The most passes of G70.
 const PASSES_MAX: f64 = 1_000.0;
@@ -29,13 +29,12 @@ impl Interpreter {
     /// A profile that begins where the block says, or where the tool is.
     pub fn begin_profile(&self, words: &Words, word: Word) -> Result<ProfileReading, Refusal> {
         let code = shown_code((word.value * 10.0).round() as u32);
-        let refuse = |what: &str, right: &str| {
-            Err(Refusal::new(word.offset, format!("G{code} {what}"), right))
-        };
-        if self.plane.0 != 18 {
+        let refuse =
+            |what: &str, right: &str| refuse(word.offset, format!("G{code} {what}"), right);
+        if self.modes.plane.0 != 18 {
             return refuse("outside G18", "turning is in the plane ZX: G18 before it");
         }
-        if self.incremental {
+        if self.modes.incremental {
             return refuse("in G91", "its profile is absolute: G90 before it");
         }
         let plane = self.plane_axes(word.offset)?;
@@ -68,24 +67,17 @@ impl Interpreter {
     ) -> Result<(), Refusal> {
         for (number, word) in words.codes() {
             match (word.letter, number) {
-                ('G', 0) => reading.motion = Motion::Rapid,
-                ('G', 10) => reading.motion = Motion::Line,
-                ('G', 20) => reading.motion = Motion::Arc { clockwise: true },
-                ('G', 30) => reading.motion = Motion::Arc { clockwise: false },
+                ('G', 0 | 10 | 20 | 30) => reading.motion = Motion::of_code(number),
                 _ => {
-                    let found = format!("{}{} in a profile", word.letter, word.value);
+                    let found = format!("{word} in a profile");
                     let right = "a profile holds G0, G1, G2 and G3 with X, Z, I, K and R";
-                    return Err(Refusal::new(word.offset, found, right));
+                    return refuse(word.offset, found, right);
                 }
             }
         }
         if let Some(word) = words.first_of("YABCUVW@^") {
-            let found = format!("{}{} in a profile", word.letter, word.value);
-            return Err(Refusal::new(
-                word.offset,
-                found,
-                "a profile lies in X and Z",
-            ));
+            let found = format!("{word} in a profile");
+            return refuse(word.offset, found, "a profile lies in X and Z");
         }
         let (from, to) = (reading.at, self.profile_place(words, reading.at)?);
         if from == to {
@@ -99,11 +91,7 @@ impl Interpreter {
             _ => {
                 let offset = words.first_of("XZ").map_or(0, |word| word.offset);
                 let right = "say how the profile goes on: G1, G2 or G3";
-                return Err(Refusal::new(
-                    offset,
-                    "a profile without a motion mode",
-                    right,
-                ));
+                return refuse(offset, "a profile without a motion mode", right);
             }
         };
         reading.pieces.push(Piece { to, arc });
@@ -123,13 +111,17 @@ impl Interpreter {
         if words.value('R').is_none() {
             if words.first_of("IK").is_none() {
                 let right = "its centre by I and K or its radius by R";
-                return Err(Refusal::new(offset, "an arc without a centre", right));
+                return refuse(offset, "an arc without a centre", right);
             }
             let arm = Flat::new(
                 words.value('K').map_or(0.0, |word| word.value),
                 words.value('I').map_or(0.0, |word| word.value),
             ) * self.unit_mm();
-            return Ok(if self.arc_absolute { arm } else { from + arm });
+            return Ok(if self.modes.arc_absolute {
+                arm
+            } else {
+                from + arm
+            });
         }
         let radius_mm = words.value('R').map_or(0.0, |word| word.value) * self.unit_mm();
         let chord = to - from;
@@ -137,7 +129,7 @@ impl Interpreter {
         if radius_mm < 0.0 || squared < -1e-9 {
             let found = format!("R of {radius_mm:.4} mm in a profile");
             let right = "a radius above 0 that reaches both ends";
-            return Err(Refusal::new(offset, found, right));
+            return refuse(offset, found, right);
         }
         let height = chord.left() * squared.max(0.0).sqrt();
         let middle = (from + to) * 0.5;
@@ -157,32 +149,23 @@ impl Interpreter {
         reading: &ProfileReading,
     ) -> Result<(), Vec<Refusal>> {
         let offset = word.offset;
-        let one = |refusal| vec![refusal];
         let number = words.code(Group::Motion).map_or(0, |(number, _)| number);
         let code = shown_code(number);
-        let wrong = |(found, right): (String, String)| {
-            one(Refusal::new(offset, format!("G{code}: {found}"), right))
-        };
+        let wrong =
+            |Refusal { found, right, .. }| Refusal::new(offset, format!("G{code}: {found}"), right);
         let length = |letter: char, default_mm: f64| {
-            words
-                .value(letter)
-                .map_or(default_mm, |word| word.value * self.unit_mm())
+            let given = words.value(letter);
+            given.map_or(default_mm, |word| word.value * self.unit_mm())
         };
         let cuts = if number == 700 {
-            let passes = words.value('P').map_or(1.0, |word| word.value);
-            if !(1.0..=PASSES_MAX).contains(&passes) || passes.fract() != 0.0 {
-                let right = format!("passes are a whole number from 1 to {PASSES_MAX}");
-                return Err(one(Refusal::new(offset, format!("P{passes}"), right)));
-            }
-            finishing(
-                &reading.pieces,
-                &Finishing {
-                    start: reading.start,
-                    from_mm: length('D', 0.0),
-                    to_mm: length('E', 0.0),
-                    passes: passes as u32,
-                },
-            )
+            let passes = words.whole('P', "passes are a whole number", 1.0..=PASSES_MAX);
+            let words = Finishing {
+                start: reading.start,
+                from_mm: length('D', 0.0),
+                to_mm: length('E', 0.0),
+                passes: passes.map_err(|wrong| wrong.at(offset))?.unwrap_or(1),
+            };
+            finishing(&reading.pieces, &words)
         } else {
             let words = Roughing {
                 start: reading.start,
@@ -200,7 +183,7 @@ impl Interpreter {
             roughing(&reading.pieces, &words)
         };
         let cuts = cuts.map_err(wrong)?;
-        let plane = self.plane_axes(offset).map_err(one)?;
+        let plane = self.plane_axes(offset)?;
         // The words of the cycle are no places of single moves.
         let plain = Words::default();
         for cut in std::iter::once(Cut::Rapid(reading.start)).chain(cuts) {
@@ -217,49 +200,35 @@ impl Interpreter {
         plane: [usize; 2],
         offset: usize,
     ) -> Result<(), Vec<Refusal>> {
-        let one = |refusal| vec![refusal];
         let program = self.in_program(&self.position);
         let in_machine =
             |place: Flat| Flat::of(&self.in_machine(&place.put_into(program, plane)), plane);
         let (Cut::Rapid(to) | Cut::Feed(to) | Cut::Arc { to, .. }) = cut;
         let target = in_machine(to).put_into(self.position, plane);
-        let straight = || {
-            vec![Shape::Line {
-                from: self.tool_place(),
-                to: target,
-            }]
+        let feed = match cut {
+            Cut::Rapid(_) => Feed::Rapid,
+            _ => self.feed(&target, offset)?,
         };
-        let (moved, motion) = match cut {
-            Cut::Rapid(_) => ((straight(), Way::Rapid, Feed::Rapid), Motion::Rapid),
-            Cut::Feed(_) => {
-                let feed = self.feed(&target, offset).map_err(one)?;
-                ((straight(), Way::Line, feed), Motion::Line)
-            }
+        let (shapes, way, motion) = match cut {
+            Cut::Rapid(_) => (self.straight_to(target), Way::Rapid, Motion::Rapid),
+            Cut::Feed(_) => (self.straight_to(target), Way::Line, Motion::Line),
             Cut::Arc {
                 centre,
                 counter_clockwise,
                 ..
             } => {
                 let clockwise = !counter_clockwise;
-                let centre = in_machine(centre);
-                let feed = self.feed(&target, offset).map_err(one)?;
                 let block = ArcBlock {
                     from: self.position,
                     to: target,
                     plane,
-                    circle: Circle::Centre([centre.u, centre.v]),
+                    circle: Circle::Centre(in_machine(centre)),
                     clockwise,
                     turns: 1,
                     tolerance: ArcTolerance::METRIC,
                 };
-                let wrong = |(found, right)| one(Refusal::new(offset, found, right));
-                let shapes = block.shapes().map_err(wrong)?;
-                let way = Way::Arc {
-                    centre,
-                    clockwise,
-                    turns: 1,
-                };
-                ((shapes, way, feed), Motion::Arc { clockwise })
+                let shapes = block.shapes().map_err(|wrong| wrong.at(offset))?;
+                (shapes, Self::way_of(&block)?, Motion::Arc { clockwise })
             }
         };
         match cut {
@@ -268,6 +237,6 @@ impl Interpreter {
             Cut::Arc { .. } => self.output.arc_feeds += 1,
         }
         self.motion = motion;
-        self.run_move(line, words, target, moved, offset)
+        self.run_move(line, words, target, (shapes, way, feed), offset)
     }
 }

@@ -59,14 +59,8 @@ fn belongs_to(letter: char) -> &'static str {
 impl Interpreter {
     /// The motion mode that is in force in this block.
     fn motion_of(&self, words: &Words) -> Motion {
-        match words.code(Group::Motion) {
-            Some((0, _)) => Motion::Rapid,
-            Some((10, _)) => Motion::Line,
-            Some((20 | 30, _)) => Motion::Arc { clockwise: true },
-            Some((number @ 382..=385, _)) => Motion::Probe(number),
-            Some((number, _)) => modes::motion_of_code(number),
-            None => self.motion,
-        }
+        let code = words.code(Group::Motion);
+        code.map_or(self.motion, |(number, _)| Motion::of_code(number))
     }
 
     /// The letters that a motion makes use of.
@@ -99,20 +93,15 @@ impl Interpreter {
         for (number, word) in words.codes() {
             count(letters_of(word.letter, number));
         }
-        let takes_axes = [Group::Once, Group::ToolLength].iter().any(|group| {
-            words
-                .code(*group)
-                .is_some_and(|(number, word)| letters_of(word.letter, number) & AXES != 0)
-        });
-        if takes_axes && words.code(Group::Motion).is_some() {
-            let word = words.first_of(AXIS_LETTERS);
-            if let Some(word) = word {
-                let found = format!(
-                    "{}{} in a block of two codes that take it",
-                    word.letter, word.value
-                );
-                return Err(Refusal::new(word.offset, found, "one of them in a block"));
-            }
+        let takers = [Group::Once, Group::ToolLength].map(|group| words.code(group));
+        let mut takers = takers.into_iter().flatten();
+        let takes_axes = takers.any(|(number, word)| letters_of(word.letter, number) & AXES != 0);
+        if takes_axes
+            && words.code(Group::Motion).is_some()
+            && let Some(word) = words.first_in(AXES)
+        {
+            let found = format!("{word} in a block of two codes that take it");
+            return refuse(word.offset, found, "one of them in a block");
         }
         if !takes_axes {
             count(self.letters_of_motion(words));
@@ -122,29 +111,15 @@ impl Interpreter {
             let found = match letter {
                 'I' | 'J' | 'K' => format!("{letter} without an arc"),
                 'R' => "R without an arc or a hole".into(),
-                _ => format!("{letter}{}", word.value),
+                _ => word.to_string(),
             };
-            return Err(Refusal::new(word.offset, found, belongs_to(letter)));
+            return refuse(word.offset, found, belongs_to(letter));
         }
-        for (letter, users, right) in [
-            (
-                'P',
-                p_users,
-                "only one of G4, G64, G2/G3, G82 in a block with P: which is it for?",
-            ),
-            (
-                'Q',
-                q_users,
-                "only one of G64 and G83 in a block with Q: which is it for?",
-            ),
-        ] {
-            if let Some(word) = words.value(letter).filter(|_| users > 1) {
-                return Err(Refusal::new(
-                    word.offset,
-                    format!("{letter}{}", word.value),
-                    right,
-                ));
-            }
+        if let Some(p) = words.value('P').filter(|_| p_users > 1) {
+            return p.refuse("only one of G4, G64, G2/G3, G82 in a block with P: which is it for?");
+        }
+        if let Some(q) = words.value('Q').filter(|_| q_users > 1) {
+            return q.refuse("only one of G64 and G83 in a block with Q: which is it for?");
         }
         Ok(())
     }

@@ -1,12 +1,13 @@
 use proptest::prelude::*;
 
 use super::*;
+use crate::refusal::column;
 
 /// #1 is 2, #<depth> is 7, the rest 0.
 struct Few;
 
 impl Lookup for Few {
-    fn numbered(&self, number: u32) -> Result<f64, (String, String)> {
+    fn numbered(&self, number: u32) -> Result<f64, Refusal> {
         Ok(if number == 1 { 2.0 } else { 0.0 })
     }
 
@@ -15,7 +16,7 @@ impl Lookup for Few {
     }
 }
 
-fn read(text: &str) -> Result<Line, Unreadable> {
+fn read(text: &str) -> Result<Line, Refusal> {
     let mut line = Line::default();
     read_line(text, &Few, &mut line).map(|()| line)
 }
@@ -184,7 +185,7 @@ proptest! {
     #[test]
     fn any_line_is_read_or_refused_inside_itself(text in "\\PC{0,60}") {
         match read(&text) {
-            Ok(line) => prop_assert!(line.words.iter().all(|word| word.end <= text.len())),
+            Ok(line) => prop_assert!(line.words.iter().all(|word| word.offset < text.len())),
             Err(unreadable) => prop_assert!(unreadable.offset <= text.len()),
         }
     }

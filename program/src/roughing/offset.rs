@@ -1,8 +1,9 @@
 //! A profile beside a profile: what is left for finishing.
 
+use super::Profile;
 use super::segment::Segment;
-use super::{CycleRefusal, Profile};
 use crate::flat::Flat;
+use crate::refusal::{Refusal, wrong};
 
 /// A piece smaller than this is left out, in mm.
 const PIECE_MIN_MM: f64 = 1e-3;
@@ -19,10 +20,10 @@ const STEPS_MAX: usize = 100_000;
 impl Profile {
     /// Puts the profile, without the way to it, `distance_mm` beside itself, to the side from which the tool comes. It is
     /// done in steps of no more than half the smallest piece, so that pieces vanish one by one.
-    pub(super) fn offset(&mut self, distance_mm: f64) -> Result<(), CycleRefusal> {
+    pub(super) fn offset(&mut self, distance_mm: f64) -> Result<(), Refusal> {
         self.align();
         if !(distance_mm.is_finite() && distance_mm.abs() < 1e6) {
-            return Err(("a distance to the profile".into(), "a length".into()));
+            return wrong("a distance to the profile", "a length");
         }
         let Some((&way, along)) = self.segments.split_first() else {
             return Ok(());
@@ -70,15 +71,13 @@ impl Profile {
     }
 }
 
-fn does_not_fit() -> CycleRefusal {
-    (
-        "a distance that the profile has no room for".into(),
-        "a smaller D or E, or a profile with larger pieces".into(),
-    )
+fn does_not_fit() -> Refusal {
+    let right = "a smaller D or E, or a profile with larger pieces";
+    Refusal::new(0, "a distance that the profile has no room for", right)
 }
 
 /// One step: each piece beside itself, pieces that vanish left out, corners joined.
-fn step(along: &mut Vec<Segment>, step_mm: f64) -> Result<(), CycleRefusal> {
+fn step(along: &mut Vec<Segment>, step_mm: f64) -> Result<(), Refusal> {
     for segment in along.iter_mut() {
         segment.offset(step_mm);
     }
@@ -137,14 +136,14 @@ fn round_corners(along: &mut Vec<Segment>, step_mm: f64) {
 }
 
 /// Ends one piece and begins the next where their lines or circles meet.
-fn meet(before: &mut Segment, after: &mut Segment) -> Result<(), CycleRefusal> {
+fn meet(before: &mut Segment, after: &mut Segment) -> Result<(), Refusal> {
     let at = match (before.arc, after.arc) {
         (None, None) => {
             let (along, next) = (before.to - before.from, after.to - after.from);
             let across = along.cross(next);
             if across == 0.0 {
                 let right = "a profile that does not go on straight: make one line of two";
-                return Err(("two lines in one direction".into(), right.into()));
+                return wrong("two lines in one direction", right);
             }
             before.from + along * ((after.from - before.from).cross(next) / across)
         }
@@ -201,7 +200,7 @@ fn line_and_circle(
 
 /// Where two circles, by centre and radius, meet: on the right of the way from the first centre to the second; where they
 /// touch for circles that miss each other by rounding.
-fn circle_and_circle(first: (Flat, f64), second: (Flat, f64)) -> Result<Flat, CycleRefusal> {
+fn circle_and_circle(first: (Flat, f64), second: (Flat, f64)) -> Result<Flat, Refusal> {
     let back = first.0 - second.0;
     let along = back.unit().ok_or_else(does_not_fit)?;
     let (before_mm, after_mm, apart_mm) = (first.1, second.1, back.length());

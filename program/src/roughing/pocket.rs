@@ -1,8 +1,9 @@
 //! Roughing in levels, on a profile that runs to smaller Z and larger X.
 
-use super::segment::{NEAR, Segment};
-use super::{Cut, Cuts, CycleRefusal, Pockets, Profile, Roughing};
+use super::segment::{Cut, NEAR, Segment};
+use super::{Cuts, Pockets, Profile, Roughing};
 use crate::flat::Flat;
+use crate::refusal::{Refusal, wrong};
 
 /// An arc shorter than this is not cut, in mm.
 const ARC_MIN_MM: f64 = 1e-3;
@@ -34,10 +35,10 @@ struct Rough<'a> {
 
 impl Profile {
     /// Roughs it.
-    pub(super) fn rough(&mut self, words: &Roughing, cuts: &mut Cuts) -> Result<(), CycleRefusal> {
+    pub(super) fn rough(&mut self, words: &Roughing, cuts: &mut Cuts) -> Result<(), Refusal> {
         let right = "the profile must run one way along the cuts: G71 along Z, G72 along X";
         if !self.segments.iter().skip(1).all(Segment::is_monotonic) {
-            return Err(("a profile that turns back".into(), right.into()));
+            return wrong("a profile that turns back", right);
         }
         let (Some(first), Some(last)) = (self.segments.first(), self.segments.last()) else {
             return Ok(());
@@ -64,12 +65,12 @@ impl Profile {
 
 impl Rough<'_> {
     /// Level by level down the profile, and up again behind its lowest places.
-    fn levels(mut self, mut pockets: Pockets) -> Result<(), CycleRefusal> {
+    fn levels(mut self, mut pockets: Pockets) -> Result<(), Refusal> {
         let mut top = self.tool.v;
         let lowest = (self.segments.iter()).fold(top, |low, segment| low.min(segment.lowest()));
         if (top - lowest) / self.depth_mm > ROUNDS_MAX as f64 {
             let found = format!("a depth of cut I of {} mm", self.depth_mm);
-            return Err((found, "a depth that takes fewer cuts".into()));
+            return wrong(found, "a depth that takes fewer cuts");
         }
         let mut level = top;
         let mut index = 0;
@@ -107,11 +108,11 @@ impl Rough<'_> {
             }
         }
         let right = "a profile whose pieces do not touch each other, or another depth of cut I";
-        Err(("a profile whose cuts come to no end".into(), right.into()))
+        wrong("a profile whose cuts come to no end", right)
     }
 
     /// Follows the profile down to its first lowest place, without cuts; the piece that goes up from there.
-    fn dive_to_bottom(&mut self) -> Result<usize, CycleRefusal> {
+    fn dive_to_bottom(&mut self) -> Result<usize, Refusal> {
         for (index, segment) in self.segments.iter().enumerate() {
             if self.dive(segment, BOTTOM_MM, index == 0)? == Course::Turns {
                 return Ok(index);
@@ -121,12 +122,7 @@ impl Rough<'_> {
     }
 
     /// Follows a piece down to a level, or to its end if that is above the level. The way to the profile is free.
-    fn dive(
-        &mut self,
-        segment: &Segment,
-        level: f64,
-        is_free: bool,
-    ) -> Result<Course, CycleRefusal> {
+    fn dive(&mut self, segment: &Segment, level: f64, is_free: bool) -> Result<Course, Refusal> {
         let end = match segment.arc {
             None => {
                 if segment.from.v <= segment.to.v {
@@ -138,7 +134,7 @@ impl Rough<'_> {
                     let crossing = segment.crossings(level).first().copied();
                     let no_place = || {
                         let right = "a profile that begins at the X of the start or below";
-                        ("a cut above the profile".into(), right.into())
+                        Refusal::new(0, "a cut above the profile", right)
                     };
                     Flat::new(crossing.ok_or_else(no_place)?, level)
                 };
@@ -181,7 +177,7 @@ impl Rough<'_> {
     }
 
     /// Cuts an arc up to a point on it, if there is something to cut.
-    fn cut_arc(&mut self, segment: &Segment, to: Flat) -> Result<Flat, CycleRefusal> {
+    fn cut_arc(&mut self, segment: &Segment, to: Flat) -> Result<Flat, Refusal> {
         if (self.tool - to).length() > ARC_MIN_MM {
             self.cuts.push(segment.cut_to(to))?;
         }
@@ -189,7 +185,7 @@ impl Rough<'_> {
     }
 
     /// Cuts at the level of the tool until the profile stops it, and returns; the piece to go on with.
-    fn cut_level(&mut self, index: usize, level: &mut f64) -> Result<usize, CycleRefusal> {
+    fn cut_level(&mut self, index: usize, level: &mut f64) -> Result<usize, Refusal> {
         for (ahead, segment) in self.segments.iter().enumerate().skip(index) {
             let crossings = segment.crossings(self.tool.v);
             let stop = if ahead == index {
@@ -229,7 +225,7 @@ impl Rough<'_> {
     }
 
     /// Follows the profile up to the next pocket: the piece that leads down into it.
-    fn climb_to_pocket(&mut self, index: usize) -> Result<Option<usize>, CycleRefusal> {
+    fn climb_to_pocket(&mut self, index: usize) -> Result<Option<usize>, Refusal> {
         for (ahead, segment) in self.segments.iter().enumerate().skip(index) {
             let Some((centre, counter_clockwise)) = segment.arc else {
                 if segment.to.v < segment.from.v {
@@ -237,7 +233,7 @@ impl Rough<'_> {
                 }
                 if (self.tool - segment.from).length() > NEAR {
                     let right = "a profile whose arcs end at their lowest and highest places";
-                    return Err(("a profile that is left beside its end".into(), right.into()));
+                    return wrong("a profile that is left beside its end", right);
                 }
                 self.cuts.push(Cut::Feed(segment.to))?;
                 self.tool = segment.to;
@@ -262,7 +258,7 @@ impl Rough<'_> {
     }
 
     /// Follows the profile up wherever it goes up from the level reached, over the pockets.
-    fn climb_past_pockets(&mut self, index: usize) -> Result<(), CycleRefusal> {
+    fn climb_past_pockets(&mut self, index: usize) -> Result<(), Refusal> {
         for segment in self.segments.iter().skip(index) {
             let crossings = segment.crossings(self.tool.v);
             let place = match segment.arc {

@@ -1,6 +1,5 @@
 //! One piece of a profile: a line or an arc, as a set of points and as a move.
 
-use super::Cut;
 use crate::flat::Flat;
 
 /// A point this near to a piece counts as on it, in mm (and in mm² for cross products).
@@ -15,6 +14,24 @@ pub(super) struct Segment {
     pub to: Flat,
     /// Centre, and whether it goes counter-clockwise.
     pub arc: Option<(Flat, bool)>,
+}
+
+/// One move of a cycle, as in a profile.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Cut {
+    /// In rapid.
+    Rapid(Flat),
+    /// Straight at feed.
+    Feed(Flat),
+    /// Round a centre at feed.
+    Arc {
+        /// End.
+        to: Flat,
+        /// Centre.
+        centre: Flat,
+        /// G3 rather than G2.
+        counter_clockwise: bool,
+    },
 }
 
 impl Segment {

@@ -22,7 +22,7 @@ fn piece(line: &str) -> Piece {
     }
 }
 
-fn made(head: &str, pieces: &[Piece]) -> Result<Vec<Cut>, CycleRefusal> {
+fn made(head: &str, pieces: &[Piece]) -> Result<Vec<Cut>, Refusal> {
     let code = head.split(' ').next().unwrap();
     let words = numbers(head);
     let start = Flat::new(words[0], words[1]);
@@ -98,7 +98,7 @@ fn cycles_make_the_moves_that_linuxcnc_makes() {
 fn a_profile_that_turns_back_is_refused() {
     let pieces = ["p 0 5", "p -10 5", "p -5 8", "p -20 10"].map(piece);
     let refusal = made("71 2 20 0 1 0.5 0 0", &pieces).unwrap_err();
-    assert_eq!(refusal.0, "a profile that turns back");
+    assert_eq!(refusal.found, "a profile that turns back");
 }
 
 #[test]

@@ -6,7 +6,7 @@ fn weighted(points: &[(f64, f64, f64)]) -> Vec<ControlPoint> {
     points
         .iter()
         .map(|&(x, y, weight)| ControlPoint {
-            at_mm: [x, y],
+            at_mm: Flat::new(x, y),
             weight,
         })
         .collect()
@@ -24,17 +24,22 @@ const SEVEN: [(f64, f64, f64); 7] = [
 
 fn of_order_5() -> Curve {
     let mut points = weighted(&SEVEN);
-    points[1].at_mm = [0.0, 10.0];
+    points[1].at_mm = Flat::new(0.0, 10.0);
     Curve::nurbs(points, 5).unwrap()
 }
 
 /// Curves, the step between the points that follow (of 15 to each control point), and these points.
 #[expect(clippy::too_many_lines, reason = "a table of points")]
-fn table() -> Vec<(Curve, usize, Vec<Place>)> {
+fn table() -> Vec<(Curve, usize, Vec<[f64; 2]>)> {
     vec![
         // G0 X1 Y2 / G5 X4 Y5 I1 J3 P-2 Q-3
         (
-            Curve::cubic([1.0, 2.0], [2.0, 5.0], [2.0, 2.0], [4.0, 5.0]),
+            Curve::cubic(
+                Flat::new(1.0, 2.0),
+                Flat::new(2.0, 5.0),
+                Flat::new(2.0, 2.0),
+                Flat::new(4.0, 5.0),
+            ),
             6,
             vec![
                 [1.273, 2.732],
@@ -51,7 +56,12 @@ fn table() -> Vec<(Curve, usize, Vec<Place>)> {
         ),
         // G5 X10 Y0 I30 J30 P-30 Q30
         (
-            Curve::cubic([0.0, 0.0], [30.0, 30.0], [-20.0, 30.0], [10.0, 0.0]),
+            Curve::cubic(
+                Flat::new(0.0, 0.0),
+                Flat::new(30.0, 30.0),
+                Flat::new(-20.0, 30.0),
+                Flat::new(10.0, 0.0),
+            ),
             6,
             vec![
                 [6.76, 8.1],
@@ -68,7 +78,11 @@ fn table() -> Vec<(Curve, usize, Vec<Place>)> {
         ),
         // G5.1 X4 Y0 I1 J20
         (
-            Curve::quadratic([0.0, 0.0], [1.0, 20.0], [4.0, 0.0]),
+            Curve::quadratic(
+                Flat::new(0.0, 0.0),
+                Flat::new(1.0, 20.0),
+                Flat::new(4.0, 0.0),
+            ),
             5,
             vec![
                 [0.246_913_580_247, 3.950_617_283_95],
@@ -151,7 +165,7 @@ fn curves_pass_where_the_reference_interpreter_says() {
             let parameter = curve.last_parameter() * ((index + 1) * step) as f64 / count as f64;
             let (found, _) = curve.at(parameter);
             assert!(
-                length(difference(found, *expected)) < 1e-9,
+                (found - Flat::new(expected[0], expected[1])).length() < 1e-9,
                 "{curve:?} at {parameter}: {found:?}, not {expected:?}"
             );
         }
@@ -161,7 +175,7 @@ fn curves_pass_where_the_reference_interpreter_says() {
 /// The largest distance of a place on the shapes from the curve.
 fn farthest_mm(curve: &Curve, shapes: &[Shape]) -> f64 {
     let samples = 40_000;
-    let on_curve: Vec<Place> = (0..=samples)
+    let on_curve: Vec<Flat> = (0..=samples)
         .map(|index| {
             curve
                 .at(curve.last_parameter() * f64::from(index) / f64::from(samples))
@@ -179,18 +193,14 @@ fn farthest_mm(curve: &Curve, shapes: &[Shape]) -> f64 {
         );
         for part in 0..=10 {
             let place = element.point(element.length_mm * f64::from(part) / 10.0);
-            let place = [place[0], place[1]];
+            let place = Flat::new(place[0], place[1]);
             let distance = |index: usize| {
                 let Some([from, to]) = on_curve.get(index..index + 2) else {
                     return f64::INFINITY;
                 };
-                let chord = difference(*to, *from);
-                let share = (dot(difference(place, *from), chord) / dot(chord, chord).max(1e-30))
-                    .clamp(0.0, 1.0);
-                length(difference(
-                    place,
-                    [from[0] + share * chord[0], from[1] + share * chord[1]],
-                ))
+                let chord = *to - *from;
+                let share = (place - *from).dot(chord) / chord.dot(chord).max(1e-30);
+                (place - (*from + chord * share.clamp(0.0, 1.0))).length()
             };
             // Shapes follow the curve in order: look on from the last nearest place.
             let window = nearest..(nearest + 2_000).min(on_curve.len());
@@ -207,14 +217,14 @@ fn farthest_mm(curve: &Curve, shapes: &[Shape]) -> f64 {
 fn the_arcs_stay_within_the_tolerance_and_meet_with_one_tangent() {
     for (curve, _, _) in table() {
         let mut from = AxisVector::zeros();
-        let [x, y] = curve.at(0.0).0;
-        (from[0], from[1], from[2]) = (x, y, 7.0);
+        let begin = curve.at(0.0).0;
+        (from[0], from[1], from[2]) = (begin.u, begin.v, 7.0);
         let shapes = curve.shapes(&from, [0, 1]).unwrap();
         let found_mm = farthest_mm(&curve, &shapes);
         assert!(found_mm < 1.2 * TOLERANCE_MM, "{curve:?}: {found_mm} mm");
         assert!(shapes.len() < 2_000, "{curve:?}: {}", shapes.len());
         let end = shapes.last().unwrap().end();
-        assert!(length(difference([end[0], end[1]], curve.end())) < 1e-9);
+        assert!((Flat::new(end[0], end[1]) - curve.end()).length() < 1e-9);
         assert_eq!(end[2].to_bits(), 7.0_f64.to_bits());
         let elements: Vec<Element> = shapes
             .into_iter()
@@ -238,7 +248,11 @@ fn the_arcs_stay_within_the_tolerance_and_meet_with_one_tangent() {
 #[test]
 fn a_curve_without_a_tangent_at_its_start_or_inside_is_followed_all_the_same() {
     // Control points that coincide: a straight line, slower at its start.
-    let straight = Curve::quadratic([0.0, 0.0], [0.0, 0.0], [4.0, 5.0]);
+    let straight = Curve::quadratic(
+        Flat::new(0.0, 0.0),
+        Flat::new(0.0, 0.0),
+        Flat::new(4.0, 5.0),
+    );
     let shapes = straight.shapes(&AxisVector::zeros(), [0, 1]).unwrap();
     assert!(
         shapes
@@ -246,20 +260,29 @@ fn a_curve_without_a_tangent_at_its_start_or_inside_is_followed_all_the_same() {
             .all(|shape| matches!(shape, Shape::Line { .. }))
     );
     // A cusp in the middle.
-    let cusp = Curve::cubic([0.0, 0.0], [10.0, 10.0], [0.0, 10.0], [10.0, 0.0]);
+    let cusp = Curve::cubic(
+        Flat::new(0.0, 0.0),
+        Flat::new(10.0, 10.0),
+        Flat::new(0.0, 10.0),
+        Flat::new(10.0, 0.0),
+    );
     let shapes = cusp.shapes(&AxisVector::zeros(), [0, 1]).unwrap();
     let found_mm = farthest_mm(&cusp, &shapes);
     assert!(found_mm < 2.0 * TOLERANCE_MM, "{found_mm} mm");
     // All points in one place: nothing to follow.
-    let point = Curve::quadratic([1.0, 1.0], [1.0, 1.0], [1.0, 1.0]);
+    let point = Curve::quadratic(
+        Flat::new(1.0, 1.0),
+        Flat::new(1.0, 1.0),
+        Flat::new(1.0, 1.0),
+    );
     assert_eq!(point.pieces().unwrap(), []);
 }
 
 #[test]
 fn a_curve_that_cannot_be_is_refused() {
     let found = |points: &[(f64, f64, f64)], order| {
-        let (found, right) = Curve::nurbs(weighted(points), order).unwrap_err();
-        format!("{found}: {right}")
+        let refusal = Curve::nurbs(weighted(points), order).unwrap_err();
+        format!("{}: {}", refusal.found, refusal.right)
     };
     assert_eq!(
         found(&SEVEN[..2], 3),
@@ -274,13 +297,27 @@ fn a_curve_that_cannot_be_is_refused() {
 
 #[test]
 fn a_curve_that_no_arc_can_follow_is_refused_in_bounded_time() {
-    let refused = |curve: Curve| curve.shapes(&AxisVector::zeros(), [0, 1]).unwrap_err().0;
+    let refused = |curve: Curve| {
+        curve
+            .shapes(&AxisVector::zeros(), [0, 1])
+            .unwrap_err()
+            .found
+    };
     assert_eq!(
-        refused(Curve::quadratic([0.0, 0.0], [f64::NAN, 1.0], [2.0, 2.0])),
+        refused(Curve::quadratic(
+            Flat::new(0.0, 0.0),
+            Flat::new(f64::NAN, 1.0),
+            Flat::new(2.0, 2.0)
+        )),
         "a control point at NaN mm, 1 mm"
     );
     assert_eq!(
-        refused(Curve::quadratic([0.0, 0.0], [1e300, 1.0], [2.0, 2.0])).len(),
+        refused(Curve::quadratic(
+            Flat::new(0.0, 0.0),
+            Flat::new(1e300, 1.0),
+            Flat::new(2.0, 2.0)
+        ))
+        .len(),
         "a control point at  mm, 1 mm".len() + 301
     );
     let zigzag: Vec<(f64, f64, f64)> = (0..POINTS_MAX)

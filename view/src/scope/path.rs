@@ -111,7 +111,7 @@ fn read(text: Text, feedback: &Feedback, machine: &Machine) -> Result<Program, S
         }
         Text::File(None) => Err("where it stands is not known".into()),
         Text::File(Some(file)) => {
-            let read = program::load_if_short(machine, start, &file, SHORT_ELEMENTS);
+            let read = program::load_if_short(machine, start, &file, SHORT_ELEMENTS, &[]);
             let read = read.map_err(|error| error.to_string())?;
             read.ok_or_else(|| {
                 format!(

@@ -1,0 +1,79 @@
+//! Coordinate systems: work offsets (G54 to G59.3), their rotation, G92, the length of the tool.
+//!
+//! A place of the program is at `tool + work + turned(program + g92)` of the machine (LinuxCNC manual, *Coordinate Systems*).
+
+use path::geometry::AxisVector;
+use serde::{Deserialize, Serialize};
+
+use crate::snapshot;
+
+/// The offsets in force, in mm and degrees.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct Offsets {
+    /// Of the work offset in force.
+    #[serde(with = "snapshot::vector")]
+    pub work: AxisVector,
+    /// Of G52 and G92.
+    #[serde(with = "snapshot::vector")]
+    pub g92: AxisVector,
+    /// Of the tool.
+    #[serde(with = "snapshot::vector")]
+    pub tool: AxisVector,
+    /// Cosine and sine of the rotation about Z, if there is one.
+    pub turn: Option<(f64, f64)>,
+    /// Where the zero of the program lies while nothing is turned.
+    #[serde(with = "snapshot::vector")]
+    pub zero: AxisVector,
+    /// The axes X and Y, which a rotation turns.
+    pub turned_axes: Option<(usize, usize)>,
+}
+
+impl Offsets {
+    pub fn refresh_zero(&mut self) {
+        self.zero = self.work + (self.g92 + self.tool);
+    }
+
+    /// Turns the work offset about Z.
+    pub fn turn_by(&mut self, rotation_deg: f64) {
+        self.turn = (rotation_deg != 0.0).then(|| {
+            let angle_rad = rotation_deg.to_radians();
+            (libm::cos(angle_rad), libm::sin(angle_rad))
+        });
+    }
+
+    /// A displacement of the program, turned into that of the machine.
+    pub fn turned(&self, mut displacement: AxisVector) -> AxisVector {
+        if let (Some((cos, sin)), Some((x, y))) = (self.turn, self.turned_axes) {
+            let (dx, dy) = (displacement[x], displacement[y]);
+            displacement[x] = dx * cos - dy * sin;
+            displacement[y] = dx * sin + dy * cos;
+        }
+        displacement
+    }
+
+    /// The other way round.
+    pub fn turned_back(&self, mut displacement: AxisVector) -> AxisVector {
+        if let (Some((cos, sin)), Some((x, y))) = (self.turn, self.turned_axes) {
+            let (dx, dy) = (displacement[x], displacement[y]);
+            displacement[x] = dx * cos + dy * sin;
+            displacement[y] = dy * cos - dx * sin;
+        }
+        displacement
+    }
+
+    /// A place of the machine in the coordinates of the program, in mm.
+    pub fn in_program(&self, place: &AxisVector) -> AxisVector {
+        if self.turn.is_none() {
+            return place - self.zero;
+        }
+        self.turned_back(place - (self.work + self.tool)) - self.g92
+    }
+
+    /// A place of the program in the coordinates of the machine, in mm.
+    pub fn in_machine(&self, place: &AxisVector) -> AxisVector {
+        if self.turn.is_none() {
+            return self.zero + place;
+        }
+        self.work + self.tool + self.turned(place + self.g92)
+    }
+}
