@@ -13,7 +13,9 @@ use operator::options::{
 use prepare::options::{BusOptions, CheckOptions, DoctorOptions, PlanOptions};
 use report::options::ReportOptions;
 use tune::options::{IdentifyOptions, NewMachineOptions, TuneOptions};
-use view::options::{MonitorOptions, ScopeOptions, StatusOptions, WebOptions};
+use view::options::{
+    MetricsOptions, MonitorOptions, ScopeOptions, ShowOptions, StatusOptions, WebOptions,
+};
 #[cfg(feature = "remote")]
 use view::options::{OrderOptions, ServeOptions};
 
@@ -32,6 +34,17 @@ pub struct Cli {
     /// Which.
     #[command(subcommand)]
     pub command: Command,
+}
+
+/// What the commands that start a cell take.
+#[derive(Debug, Args)]
+pub struct Started<T: Args> {
+    /// Of the cell.
+    #[command(flatten)]
+    pub options: T,
+    /// What is shown of it meanwhile.
+    #[command(flatten)]
+    pub shown: ShowOptions,
 }
 
 /// What `quadrant new` takes.
@@ -53,7 +66,7 @@ pub enum NewWhat {
 #[derive(Debug, Subcommand)]
 pub enum Command {
     /// Start the process group, run the program to its end, stop the group, write the run directory
-    Run(RunOptions),
+    Run(Started<RunOptions>),
     /// Check a machine and, if given, a program; start nothing
     Check(CheckOptions),
     /// Plan a program without running it: time, where it goes, limits, setpoints per scan
@@ -63,7 +76,7 @@ pub enum Command {
     /// Write the folder of a new machine: asked for, or from a few numbers for each axis
     New(NewOptions),
     /// Start the process group and stay; programs are loaded and started from other terminals, until `down`
-    Up(UpOptions),
+    Up(Started<UpOptions>),
     /// Load a program into a cell that is up; one that was started and is stopped is discarded
     Load(LoadOptions),
     /// Begin the program that is loaded, from where the axes are
@@ -114,6 +127,9 @@ pub enum Command {
     Monitor(MonitorOptions),
     /// The live view of a running cell as a page in the browser, with a token also its orders; comes and goes without a trace
     Web(WebOptions),
+    /// Metrics of a running cell at the listening socket that standard input is (started by `run` and `up`)
+    #[command(hide = true)]
+    Metrics(MetricsOptions),
     /// Signals around a trigger, of a running cell or of a log: chart in the terminal, CSV or SVG
     Scope(ScopeOptions),
     /// Seeing a cell from another machine

@@ -5,23 +5,29 @@ pub mod manual;
 mod reference;
 
 use bus::sample::Order;
-use cell::RecorderOptions;
-use console::exit::Outcome;
+use console::exit::{Failure, Kind, Outcome};
 use launcher::desk::Desk;
 use launcher::run::Injection;
 use launcher::{run, up};
-use monitor::Tap;
 use prepare::{check, doctor, drive_files, plan};
-use view::{live, scope, web};
+use view::options::ShowOptions;
+use view::{live, metrics, scope, web};
 
 use operator::options::{JogOverrideOptions, OverrideOptions, RapidOverrideOptions};
 
 use crate::cli::Command;
 
-/// What the processes of a cell have beside them in this command.
-const DESK: Option<Desk> = Some(Desk {
-    say_what_realtime_lacks: doctor::say_what_realtime_lacks,
-});
+/// Starts a cell with what this command has beside it, and shows it meanwhile.
+fn start<T>(
+    shown: &ShowOptions,
+    start: impl FnOnce(Option<Desk<'_>>) -> Result<T, Failure>,
+) -> Result<T, Failure> {
+    shown.check().input()?;
+    start(Some(Desk {
+        say_what_realtime_lacks: doctor::say_what_realtime_lacks,
+        observers: &|| shown.observers(),
+    }))
+}
 
 /// Carries a command out; the fault script of a run may do so much.
 ///
@@ -29,9 +35,10 @@ const DESK: Option<Desk> = Some(Desk {
 /// It could not be carried out, and why.
 pub fn obey(command: Command, injection: Injection) -> Outcome {
     match command {
-        Command::Run(options) => {
+        Command::Run(cli::Started { options, shown }) => {
             for pass in 1..=options.passes {
-                let completed = run::run(&options.of_pass(pass), injection, DESK)?;
+                let options = options.of_pass(pass);
+                let completed = start(&shown, |desk| run::run(&options, injection, desk))?;
                 if options.learn {
                     tune::learn::after(&completed)?;
                 }
@@ -49,7 +56,9 @@ pub fn obey(command: Command, injection: Injection) -> Outcome {
         Command::New(options) => match &options.what {
             cli::NewWhat::Machine(options) => tune::new_machine::new_machine(options),
         },
-        Command::Up(options) => up::up(&options, DESK),
+        Command::Up(cli::Started { options, shown }) => {
+            start(&shown, |desk| up::up(&options, desk))
+        }
         Command::Load(options) => operator::load(&options),
         Command::Start(options) => operator::start(&options),
         Command::Down(options) => operator::down(&options),
@@ -81,6 +90,7 @@ pub fn obey(command: Command, injection: Injection) -> Outcome {
         Command::Status(options) => live::status(&options),
         Command::Monitor(options) => live::monitor(&options),
         Command::Web(options) => web::web(&options),
+        Command::Metrics(options) => metrics::serve(&options),
         Command::Scope(options) => scope::scope(&options),
         #[cfg(feature = "remote")]
         Command::Remote(options) => match &options.command {
@@ -94,13 +104,6 @@ pub fn obey(command: Command, injection: Injection) -> Outcome {
         Command::Completions(options) => manual::completions(&options),
         Command::Man(options) => manual::man(&options),
         Command::Reference(options) => manual::reference(&options),
-        Command::Role(role) => cell::take_part(&role, Some(metrics)),
+        Command::Role(role) => cell::take_part(&role),
     }
-}
-
-/// Metrics at the listening socket that standard input is.
-fn metrics(options: &RecorderOptions) -> anyhow::Result<Box<dyn Tap>> {
-    let listener = view::metrics::inherited()?;
-    let (out, program) = (options.out.clone(), options.program.clone());
-    Ok(Box::new(view::metrics::Watch::new(listener, out, program)))
 }

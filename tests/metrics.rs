@@ -267,7 +267,7 @@ fn a_scrape_of_a_running_cell_says_what_it_does_in_the_words_of_openmetrics() {
     let rows = rows.filter(|name| name.starts_with("quadrant_"));
     let described: BTreeSet<String> = rows.map(str::to_string).collect();
     assert_eq!(first.names(), described);
-    // Hold and override are seen, and a recorder that replaces a lost one answers at the same address.
+    // Hold and override are seen, and a recorder that replaces a lost one.
     let order = |words: &[&str]| says(quadrant().args(words).args(["--cell", &cell.cell]));
     order(&["hold"]);
     order(&["override", "40"]);
@@ -384,6 +384,36 @@ fn scrapes_in_a_tight_loop_and_a_client_that_reads_nothing_change_no_bit() {
     for digest in ["/motion_digest", "/digest"] {
         assert_eq!(text(&alone, digest), text(&scraped, digest), "{digest}");
     }
+}
+
+/// In lockstep: the process that serves is killed in the middle of the run.
+#[test]
+fn the_death_of_the_process_that_serves_metrics_changes_no_bit() {
+    let bench = Bench::of("xy", &[]);
+    let program = bench.file("program.ngc", &long_program());
+    let alone = run_with(bench.path(), &program, &[]).good_report();
+    let (cell, address) = serving(&bench, &long_program(), "lockstep", &[]);
+    scrape(&address);
+    send(cell.pid_of(" metrics "), libc::SIGKILL);
+    let run = cell.finish().good_report();
+    for digest in ["/motion_digest", "/digest"] {
+        assert_eq!(text(&alone, digest), text(&run, digest), "{digest}");
+    }
+}
+
+#[test]
+fn a_process_that_serves_metrics_and_was_killed_is_there_again_at_the_same_address() {
+    let bench = Bench::patient("xy", &[]);
+    let (mut cell, address) = serving(&bench, &long_program(), "realtime", &[]);
+    let before = cell.wait_for_scan(1).scan as f64;
+    scrape(&address);
+    send(cell.pid_of(" metrics "), libc::SIGKILL);
+    // Whoever connects meanwhile waits in the socket's queue.
+    let again = scrape_until(&address, |s| s.value("quadrant_scans_total", &[]) > before);
+    let monitor = ["process=\"monitor\""];
+    assert_eq!(again.value("quadrant_process_up", &monitor), 1.0);
+    assert_eq!(again.value("quadrant_process_starts_total", &monitor), 1.0);
+    end(cell);
 }
 
 #[test]

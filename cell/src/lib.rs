@@ -7,4 +7,4 @@ pub use options::{
     FieldbusOptions, MasterOptions, PlannerOptions, PlantSimOptions, RecorderOptions, Role,
     ServoOptions, SlotOptions,
 };
-pub use roles::{Metrics, take_part};
+pub use roles::take_part;

@@ -1,5 +1,6 @@
 //! The `quadrant-cell` command: what a controller PC needs to run a cell, and nothing that shows, prepares or reports.
 
+use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{Parser, Subcommand};
 use console::exit::{self, Outcome};
 use launcher::options::{CleanOptions, RunOptions, UpOptions};
@@ -31,7 +32,20 @@ enum Command {
 }
 
 fn main() -> std::process::ExitCode {
-    exit::main(|| Cli::parse().command, obey)
+    exit::main(read, obey)
+}
+
+/// Reads the command line; of what it does not know it says where that may be.
+fn read() -> Command {
+    let cli = Cli::try_parse().unwrap_or_else(|mut error| {
+        if error.kind() == ErrorKind::UnknownArgument {
+            let tip = "this command runs cells alone: what shows them is in `quadrant`";
+            let tip = ContextValue::StyledStrs(vec![tip.into()]);
+            error.insert(ContextKind::Suggested, tip);
+        }
+        error.exit()
+    });
+    cli.command
 }
 
 fn obey(command: Command) -> Outcome {
@@ -41,6 +55,6 @@ fn obey(command: Command) -> Outcome {
         }
         Command::Up(options) => up::up(&options, None),
         Command::Clean(options) => run::clean(&options),
-        Command::Role(role) => cell::take_part(&role, None),
+        Command::Role(role) => cell::take_part(&role),
     }
 }

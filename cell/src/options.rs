@@ -165,9 +165,6 @@ pub struct RecorderOptions {
     /// Write no log
     #[arg(long)]
     pub no_log: bool,
-    /// Serve metrics at the listening socket that standard input is
-    #[arg(long)]
-    pub metrics: bool,
 }
 
 impl PlannerOptions {

@@ -13,14 +13,11 @@ use crate::options::{
     ServoOptions,
 };
 
-/// A way to serve metrics beside the recorder.
-pub type Metrics = fn(&RecorderOptions) -> anyhow::Result<Box<dyn monitor::Tap>>;
-
 /// Takes part in a cell until that ends.
 ///
 /// # Errors
 /// The process cannot take part, or cannot go on.
-pub fn take_part(role: &Role, metrics: Option<Metrics>) -> Outcome {
+pub fn take_part(role: &Role) -> Outcome {
     logs::init_role();
     match role {
         Role::PlantSim(options) => plant_sim(options),
@@ -28,11 +25,7 @@ pub fn take_part(role: &Role, metrics: Option<Metrics>) -> Outcome {
         Role::Fieldbus(options) => fieldbus(options),
         Role::Planner(options) => planner(options),
         Role::Servo(options) => servo(options),
-        Role::Recorder(options) => {
-            let metrics = metrics.filter(|_| options.metrics);
-            let tap = metrics.map(|metrics| metrics(options));
-            recorder(options, tap.transpose().environment()?)
-        }
+        Role::Recorder(options) => recorder(options),
     }
 }
 
@@ -110,15 +103,13 @@ fn servo(options: &ServoOptions) -> Outcome {
     servo::run(&options.options()).environment()
 }
 
-/// The recorder, with what looks at its samples besides.
-fn recorder(options: &RecorderOptions, mut tap: Option<Box<dyn monitor::Tap>>) -> Outcome {
-    let options = monitor::Options {
+/// The recorder.
+fn recorder(options: &RecorderOptions) -> Outcome {
+    monitor::run(&monitor::Options {
         slot: options.slot.slot(),
         out: options.out.clone(),
         program: options.program.clone(),
         records: !options.no_log,
-    };
-    let tap = tap.as_mut();
-    let tap = tap.map(|tap| tap.as_mut() as &mut dyn monitor::Tap);
-    monitor::run(&options, tap).environment()
+    })
+    .environment()
 }

@@ -18,6 +18,8 @@ pub struct Child {
     pub pace: Option<Pace>,
     /// Part program, of those who hear of it.
     pub program: Option<PathBuf>,
+    /// Where the recorder writes.
+    pub out: Option<PathBuf>,
 }
 
 /// The roles that this launcher has started and that have not ended. Empty where `/proc` does not tell.
@@ -46,6 +48,7 @@ fn of_command_line<'a>(pid: u32, words: impl Iterator<Item = &'a str> + Clone) -
         incarnation: after("--incarnation").map_or(Some(1), |n| n.parse().ok())?,
         pace: after("--pace").and_then(|pace| pace.parse().ok()),
         program: after("--program").map(PathBuf::from),
+        out: after("--out").map(PathBuf::from),
     })
 }
 
@@ -55,13 +58,14 @@ mod tests {
 
     #[test]
     fn a_role_is_known_by_its_command_line_and_nothing_else_is() {
-        let line = "quadrant planner --program /runs/a/circle.ngc --cell xy --index 3 --incarnation 2 --pace realtime";
+        let line = "quadrant recorder --out /runs/a --program /runs/a/circle.ngc --cell xy --index 3 --incarnation 2 --pace realtime";
         let expected = Child {
             pid: 7,
             place: 3,
             incarnation: 2,
             pace: Some(Pace::Realtime),
             program: Some("/runs/a/circle.ngc".into()),
+            out: Some("/runs/a".into()),
         };
         assert_eq!(of_command_line(7, line.split(' ')), Some(expected));
         assert_eq!(of_command_line(7, "sleep 1".split(' ')), None);

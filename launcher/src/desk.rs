@@ -6,26 +6,26 @@ use std::path::Path;
 use std::process::Stdio;
 
 use anyhow::{Context, bail};
+use console::exit::Failure;
 use console::{child, logs};
 
-/// The desk: a command with `report`, `web` and `monitor` as subcommands.
-#[derive(Debug, Clone, Copy)]
-pub struct Desk {
+use crate::observers::Observer;
+
+/// The desk: a command with `report` as a subcommand, and those of the observers.
+#[derive(Clone, Copy)]
+pub struct Desk<'a> {
     /// Says what this PC lacks for real time.
     pub say_what_realtime_lacks: fn(),
+    /// Opens what is to be shown of a cell, before anything starts: an address that is taken is refused in time.
+    pub observers: &'a dyn Fn() -> Result<Vec<Observer>, Failure>,
 }
 
-/// Refuses what only a desk can do, where there is none.
+/// What a desk wants to be shown; without one nothing.
 ///
 /// # Errors
-/// One of these options is given, and there is no desk.
-pub fn check(desk: Option<Desk>, options: &[(&str, bool)]) -> anyhow::Result<()> {
-    match options.iter().find(|(_, given)| *given) {
-        Some((name, _)) if desk.is_none() => {
-            bail!("{name}: is of `quadrant`: this command runs cells alone")
-        }
-        _ => Ok(()),
-    }
+/// It cannot be shown as it is wanted.
+pub fn observers(desk: Option<Desk<'_>>) -> Result<Vec<Observer>, Failure> {
+    desk.map_or(Ok(Vec::new()), |desk| (desk.observers)())
 }
 
 /// Has the report of a run directory made by a process of its own; its text.

@@ -21,7 +21,6 @@ use machine::{KeptFiles, Machine, Process};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::{Signal, pidfd_send_signal};
 
-use crate::metrics_socket::Listener;
 use crate::run_dir::RunDir;
 use console::logs;
 
@@ -108,8 +107,6 @@ pub struct Plan {
     pub fault_blocks: Vec<(u32, u32)>,
     /// Servos and planner read the fault script too, and send what it wants them to.
     pub wrong_samples: bool,
-    /// Where the recorder is to serve metrics.
-    pub metrics: Option<Listener>,
     /// The program runs block by block from its start.
     pub single_block: bool,
     /// The line that it begins at; none for its beginning.
@@ -118,12 +115,7 @@ pub struct Plan {
 
 impl Plan {
     /// For the files of a run directory; its fault script names no blocks and no wrong samples.
-    pub fn of(
-        run_dir: &RunDir,
-        pace: Pace,
-        answer_limit_s: u64,
-        metrics: Option<Listener>,
-    ) -> Plan {
+    pub fn of(run_dir: &RunDir, pace: Pace, answer_limit_s: u64) -> Plan {
         Plan {
             machine_file: run_dir.machine.clone(),
             kept_files: run_dir.kept_files.clone(),
@@ -138,7 +130,6 @@ impl Plan {
             faults: run_dir.faults.clone(),
             wrong_samples: false,
             fault_blocks: Vec::new(),
-            metrics,
             single_block: false,
             start_line: None,
         }
@@ -155,9 +146,6 @@ pub fn roles(machine: &Machine, plan: &Plan) -> Vec<Role> {
     );
     if !plan.records {
         recorder.add(&["--no-log"]);
-    }
-    if plan.metrics.is_some() {
-        recorder.add(&["--metrics"]);
     }
     let (planner, subcommand) = match plan.wrong_samples {
         true => ("faulty-planner", "faulty-servo"),
@@ -422,18 +410,6 @@ impl Group {
             .stderr(Stdio::piped())
             // Ctrl-C goes to the launcher alone, which stops the group in order.
             .process_group(0);
-        if let Some(listener) = self
-            .plan
-            .metrics
-            .as_ref()
-            .filter(|_| role.process.job == Job::Monitor)
-        {
-            command.stdin(
-                listener
-                    .hand_over()
-                    .context("handing the metrics' socket over")?,
-            );
-        }
         if let Some(scan) = after_scan {
             command.args(["--after-scan", &scan.to_string()]);
         }

@@ -2,19 +2,17 @@
 
 pub mod check;
 pub mod children;
-mod closing;
 pub mod desk;
 mod disk_room;
-pub mod events;
+mod events;
 mod fault_injector;
 mod group;
 mod hangs;
 pub mod hints;
-pub mod listening;
-pub mod metrics_socket;
+pub mod observers;
 pub mod options;
 pub mod origin;
-pub mod progress;
+mod progress;
 mod retention;
 pub mod run;
 pub mod run_dir;
@@ -26,5 +24,3 @@ pub mod supervisor;
 mod training;
 pub mod up;
 pub mod user_codes;
-pub mod view;
-pub mod web;

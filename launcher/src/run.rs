@@ -15,12 +15,12 @@ use crate::check::{self, Checked, Depth};
 use crate::desk::{self, Desk};
 use crate::events::{Event, Events};
 use crate::group::{Group, Plan};
+use crate::observers::{Observer, Observers};
 use crate::options::{CleanOptions, RunOptions};
 use crate::retention::Retention;
 use crate::run_dir::{RunDir, Sources, default_folder, program_name};
 use crate::supervise::{Ending, Subject, Watch, supervise};
-use crate::view::{self, View};
-use crate::{disk_room, metrics_socket, origin, service_manager, training, web};
+use crate::{disk_room, origin, service_manager, training};
 use console::exit::{Failure, Kind, Outcome};
 use console::output::{self, say};
 use console::signals::Signals;
@@ -64,27 +64,29 @@ pub struct Completed {
 pub fn run(
     options: &RunOptions,
     injection: Injection,
-    desk: Option<Desk>,
+    desk: Option<Desk<'_>>,
 ) -> Result<Completed, Failure> {
     logs::init_launcher();
     output::never_wait();
-    let shown = [
-        ("--view", options.view),
-        ("--web", options.web.is_some()),
-        ("--metrics", options.metrics.is_some()),
+    let learns = [
         ("--learn", options.learn),
         ("--learn-path", options.learn_path),
     ];
-    desk::check(desk, &shown).input()?;
+    if let Some((name, _)) = learns.iter().find(|(_, given)| *given && desk.is_none()) {
+        let refused = "is of `quadrant`: this command runs cells alone";
+        return Err(anyhow!("{name}: {refused}")).input();
+    }
     let (checked, faults) = check_all(options, injection)?;
-    let cell_name = options.cell.as_deref().unwrap_or(&checked.machine.name);
+    let cell_name = options
+        .start
+        .cell
+        .as_deref()
+        .unwrap_or(&checked.machine.name);
     let place = CellPaths::new(cell_name).input()?;
     let signals = Signals::catch().environment()?;
     let cell = own(&place).environment()?;
-    let metrics = options.metrics.map(metrics_socket::listen);
-    let metrics = metrics.transpose().environment()?;
-    let web = web::Place::open_if(options.web, options.token.as_deref())?;
-    let machine_path = machine_file(&options.machine);
+    let observers = desk::observers(desk)?;
+    let machine_path = machine_file(&options.start.machine);
     if let Some(retention) = Retention::of(&checked.machine) {
         retention.apply();
     }
@@ -93,24 +95,25 @@ pub fn run(
     if let Some(script) = &faults {
         script.restart.apply(&mut checked.machine.restart);
     }
-    if let Some(desk) = desk.filter(|_| options.pace() == Pace::Realtime) {
+    if let Some(desk) = desk.filter(|_| options.start.pace() == Pace::Realtime) {
         (desk.say_what_realtime_lacks)();
     }
     let sends = |script: &FaultScript| script.faults.iter().any(|f| f.action.is_of_samples());
     let plan = Plan {
         wrong_samples: faults.as_ref().is_some_and(sends),
-        records: options.log == FULL,
+        records: options.start.log == FULL,
         fault_blocks: fault_blocks.unwrap_or_default(),
         single_block: options.single_block,
         start_line: options.from_line,
-        ..Plan::of(&run_dir, options.pace(), options.answer_limit, metrics)
+        ..Plan::of(&run_dir, options.start.pace(), options.start.answer_limit)
     };
     let started = origin::note(&place, &machine_path).environment();
     let started = started.and_then(|()| start(cell, &checked.machine, &plan, &signals));
     let mut group = started.inspect_err(|_| run_dir.discard())?;
-    let mut events = make_events(&run_dir, &options.log)?;
+    let mut events = make_events(&run_dir, &options.start.log)?;
     note_started(&group, &mut events);
-    let watch = Watch::new(&group, &checked.machine, !options.view).environment()?;
+    let in_terminal = observers.iter().any(Observer::is_in_terminal);
+    let watch = Watch::new(&group, &checked.machine, !in_terminal).environment()?;
     group.begin();
     service_manager::ready();
     let shown = options.program.display();
@@ -119,12 +122,11 @@ pub fn run(
         machine: &checked.machine,
         faults,
         session: None,
-        page: web::Page::start_if(web, place.name(), options.view)?,
-        view: View::open_if(options.view, place.name()).environment()?,
+        observers: Observers::start(observers, place.name()).environment()?,
     };
     let ending = supervise(&mut group, subject, watch, &signals, &mut events);
     drop(group);
-    let made = (options.log == FULL && desk.is_some()).then(|| desk::report(&run_dir.folder));
+    let made = (options.start.log == FULL && desk.is_some()).then(|| desk::report(&run_dir.folder));
     conclude(ending, made, &run_dir.folder)?;
     Ok(Completed {
         folder: run_dir.folder,
@@ -153,13 +155,14 @@ fn check_all(
     injection: Injection,
 ) -> Result<(Checked, Option<Faults>), Failure> {
     program_name(&options.program).input()?;
-    if options.view {
-        view::check().input()?;
-    }
-    let checked =
-        check::load(&options.machine, Some(&options.program), Depth::Beginning).input()?;
+    let checked = check::load(
+        &options.start.machine,
+        Some(&options.program),
+        Depth::Beginning,
+    )
+    .input()?;
     for remark in checked.remarks() {
-        tracing::warn!("{}: {remark}", options.machine.display());
+        tracing::warn!("{}: {remark}", options.start.machine.display());
     }
     for note in checked.notes() {
         tracing::warn!("{}: {note}", options.program.display());
@@ -192,15 +195,15 @@ fn make_run_dir(
 ) -> Result<(RunDir, Checked), Failure> {
     let machine = &checked.machine;
     let default = || default_folder(&machine.name, &options.program);
-    let folder = options.out.clone().unwrap_or_else(default);
-    let seconds = || checked.seconds().filter(|_| options.log == FULL);
+    let folder = options.start.out.clone().unwrap_or_else(default);
+    let seconds = || checked.seconds().filter(|_| options.start.log == FULL);
     disk_room::check(&folder, machine, seconds).environment()?;
     let program = checked.program.as_ref().filter(|_| options.learn);
     let program = program.map(|program| format!("{:016x}", program.source_hash));
     let trained = training::trained(
         machine_path,
         machine,
-        options.no_learned,
+        options.start.no_learned,
         program.as_deref(),
     );
     let trained = trained.input()?;

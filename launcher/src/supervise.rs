@@ -17,14 +17,13 @@ use crate::fault_injector::FaultInjector;
 use crate::group::{Death, Group, LEAVE_LIMIT, LEAVE_LIMIT_AFTER_MACHINE};
 use crate::hangs::Hangs;
 use crate::hints;
+use crate::observers::Observers;
 use crate::progress::{LOOK_EVERY, Progress};
 use crate::service_manager;
 use crate::session::Session;
 use crate::standby_alarm::StandbyAlarm;
 use crate::supervisor::{Supervisor, Verdict, goes_on_after_stop};
 use crate::user_codes::UserCodes;
-use crate::view::View;
-use crate::web::Page;
 use console::exit;
 use console::signals::Signals;
 
@@ -90,10 +89,8 @@ pub struct Subject<'a> {
     pub faults: Option<FaultScript>,
     /// The programs of a cell that stays up.
     pub session: Option<Session>,
-    /// The page in the browser.
-    pub page: Option<Page>,
-    /// The live view in this terminal.
-    pub view: Option<View>,
+    /// What shows it.
+    pub observers: Observers,
 }
 
 /// Watches the group until its master has ended, and stops it in order when asked to or when it has to.
@@ -131,8 +128,7 @@ struct Supervision<'a> {
     group: &'a mut Group,
     machine: &'a Machine,
     session: Option<Session>,
-    page: Option<Page>,
-    view: Option<View>,
+    observers: Observers,
     user_codes: Option<UserCodes>,
     faults: Option<FaultInjector>,
     watch: Watch,
@@ -199,8 +195,7 @@ impl<'a> Supervision<'a> {
         Supervision {
             machine,
             session: subject.session,
-            page: subject.page,
-            view: subject.view,
+            observers: subject.observers,
             user_codes,
             faults: subject.faults.map(FaultInjector::new),
             watch,
@@ -242,7 +237,7 @@ impl<'a> Supervision<'a> {
         self.group.wait(Some(self.signals.descriptor()), limit);
         self.group.publish_roster_to_newcomers();
         self.group.repeat_roster();
-        if self.view.as_mut().is_some_and(View::look) {
+        if self.observers.look() {
             let (cell, run) = (&self.cell, self.session.is_none());
             let what = if run { "the run" } else { "the cell" };
             tracing::info!(
@@ -251,9 +246,6 @@ impl<'a> Supervision<'a> {
             if run {
                 self.watch.progress.show_bar();
             }
-        }
-        if let Some(page) = &mut self.page {
-            page.look();
         }
         self.watch.progress.look();
         self.take_newest();
@@ -512,7 +504,7 @@ impl<'a> Supervision<'a> {
 
     /// Waits until all have left, or ends them where the master did not leave in order.
     fn end(mut self) -> Ending {
-        drop(self.view.take());
+        self.observers.leave_terminal();
         drop(self.user_codes.take());
         service_manager::stopping();
         let in_order = !self.group.lives(Job::Master);

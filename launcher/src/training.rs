@@ -54,7 +54,7 @@ pub fn along_path(
     options: &RunOptions,
 ) -> anyhow::Result<Option<PathBuf>> {
     // A pass of --learn shows what the model lacks, not what this program still needs.
-    if options.no_learned || options.learn {
+    if options.start.no_learned || options.learn {
         return Ok(None);
     }
     let machine = &checked.machine;

@@ -11,32 +11,23 @@ use machine::{Machine, machine_file};
 use crate::check::Checked;
 use crate::desk::{self, Desk};
 use crate::group::{Death, Plan};
-use crate::options::UpOptions;
+use crate::observers::Observers;
+use crate::options::{StartOptions, UpOptions};
 use crate::retention::Retention;
 use crate::run::{FULL, make_checked, make_events, note_started, own, start};
 use crate::run_dir::{RunDir, Sources, dated_folder};
 use crate::session::Session;
 use crate::supervise::{Ending, Subject, Watch, supervise};
-use crate::view::{self, View};
-use crate::{check, disk_room, metrics_socket, origin, service_manager, training, web};
+use crate::{check, disk_room, origin, service_manager, training};
 use console::exit::{Failure, Kind, Outcome};
 use console::logs;
 use console::output::{self, say};
 use console::signals::Signals;
 
 /// Starts the group of a machine and stays until it is ordered to end.
-pub fn up(options: &UpOptions, desk: Option<Desk>) -> Outcome {
+pub fn up(UpOptions { start: options }: &UpOptions, desk: Option<Desk<'_>>) -> Outcome {
     logs::init_launcher();
     output::never_wait();
-    let shown = [
-        ("--view", options.view),
-        ("--web", options.web.is_some()),
-        ("--metrics", options.metrics.is_some()),
-    ];
-    desk::check(desk, &shown).input()?;
-    if options.view {
-        view::check().input()?;
-    }
     let checked = check::load_wherever_it_stands(&options.machine).input()?;
     for remark in checked.remarks() {
         tracing::warn!("{}: {remark}", options.machine.display());
@@ -45,9 +36,7 @@ pub fn up(options: &UpOptions, desk: Option<Desk>) -> Outcome {
     let place = CellPaths::new(cell_name).input()?;
     let signals = Signals::catch().environment()?;
     let cell = own(&place).environment()?;
-    let metrics = options.metrics.map(metrics_socket::listen);
-    let metrics = metrics.transpose().environment()?;
-    let web = web::Place::open_if(options.web, options.token.as_deref())?;
+    let observers = desk::observers(desk)?;
     let machine_path = machine_file(&options.machine);
     let retention = Retention::of(&checked.machine);
     if let Some(retention) = &retention {
@@ -62,7 +51,7 @@ pub fn up(options: &UpOptions, desk: Option<Desk>) -> Outcome {
     let records = options.log == FULL;
     let plan = Plan {
         records,
-        ..Plan::of(&run_dir, options.pace(), options.answer_limit, metrics)
+        ..Plan::of(&run_dir, options.pace(), options.answer_limit)
     };
     let started = origin::note(&place, &machine_path).environment();
     let started = started.and_then(|()| start(cell, &checked.machine, &plan, &signals));
@@ -87,8 +76,7 @@ pub fn up(options: &UpOptions, desk: Option<Desk>) -> Outcome {
             retention,
             records && desk.is_some(),
         )),
-        page: web::Page::start_if(web, cell_name, options.view)?,
-        view: View::open_if(options.view, cell_name).environment()?,
+        observers: Observers::start(observers, cell_name).environment()?,
     };
     let ending = supervise(&mut group, subject, watch, &signals, &mut events);
     drop(group);
@@ -97,7 +85,7 @@ pub fn up(options: &UpOptions, desk: Option<Desk>) -> Outcome {
 
 /// Makes the folder of the cell.
 fn make_folder(
-    options: &UpOptions,
+    options: &StartOptions,
     machine_path: &Path,
     checked: &Checked,
     cell_name: &str,

@@ -14,12 +14,12 @@ pub mod deaths;
 pub mod digest;
 pub mod log;
 mod logbook;
+pub mod losses;
 mod options;
 mod run;
 pub mod said;
 pub mod scope;
 mod sinks;
-mod tap;
 #[cfg(test)]
 #[allow(dead_code, reason = "shared with the tests of the report")]
 mod test_support;
@@ -28,4 +28,3 @@ pub mod words;
 pub use logbook::{run_folder, run_number};
 pub use options::{MonitorError, Options};
 pub use run::run;
-pub use tap::Tap;

@@ -16,7 +16,7 @@ pub struct Options {
     pub out: PathBuf,
     /// Part program, already copied into the run directory; none in a cell that stays up.
     pub program: Option<PathBuf>,
-    /// Whether it writes a log: a cell of which nothing is kept has a recorder all the same, for metrics and the black box.
+    /// Whether it writes a log: a cell of which nothing is kept has a recorder all the same, for the black box.
     pub records: bool,
 }
 

@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use bus::cell::CellError;
+use bus::cell::{CellError, CellPaths};
 use bus::member::{Member, MemberError, ORPHAN_PATIENCE, Pace};
 use bus::port::{Reader, WindowReader};
 use bus::realtime::Priority;
@@ -13,9 +13,9 @@ use machine::Machine;
 use crate::black_box::{BlackBox, Settings};
 use crate::log::{Recorder, SampleRef};
 use crate::logbook::Logbook;
+use crate::losses::Losses;
 use crate::options::{MonitorError, Options};
 use crate::sinks::Sinks;
-use crate::tap::Tap;
 
 /// Scans recorded between two words to the master about it.
 const CREDIT_STEP_SCANS: u64 = 64;
@@ -61,7 +61,7 @@ impl Ports {
 
     /// Hands on whatever became visible by the scan of this feedback, then the feedback itself: samples of one scan
     /// stand together in the log, in the same order on every run.
-    fn record(&mut self, feedback: &Feedback, sinks: &mut Sinks<'_>) -> Result<(), MonitorError> {
+    fn record(&mut self, feedback: &Feedback, sinks: &mut Sinks) -> Result<(), MonitorError> {
         let scan = feedback.scan;
         while let Some(sample) = self.roster.next(scan) {
             // It is said again and again.
@@ -100,26 +100,20 @@ impl Ports {
     }
 }
 
-/// Records the cell until its last feedback, and hands what it takes on to `tap`.
+/// Records the cell until its last feedback.
 ///
 /// # Errors
 /// [`MonitorError`]; what was recorded before stays readable.
-pub fn run(options: &Options, tap: Option<&mut dyn Tap>) -> Result<(), MonitorError> {
+pub fn run(options: &Options) -> Result<(), MonitorError> {
     let machine = Machine::load(&options.slot.machine)?;
     let member = Member::enter(options.slot.clone(), "monitor", &machine.shape())?;
     let mut ports = Ports::open(&member).map_err(MemberError::Cell)?;
     let mut logbook = Logbook::new(options, &machine)?;
     let black_box = BlackBox::new(Settings::default(), &machine, logbook.new_home());
-    let mut sinks = Sinks {
-        logbook,
-        black_box,
-        tap,
-    };
+    let mut sinks = Sinks { logbook, black_box };
+    let mut losses = Losses::of(&CellPaths::new(&options.slot.cell).map_err(MemberError::Cell)?);
     // Scans up to this one are none of a recorder's that comes later.
     let after = options.slot.after_scan;
-    if let Some(tap) = &mut sinks.tap {
-        tap.begins(&member, &machine);
-    }
     member.ready(Priority::Ordinary);
 
     let lockstep = options.slot.pace == Pace::Lockstep;
@@ -133,6 +127,7 @@ pub fn run(options: &Options, tap: Option<&mut dyn Tap>) -> Result<(), MonitorEr
                 continue;
             }
             alone_since = None;
+            losses.feedback(&feedback);
             ports.record(&feedback, &mut sinks)?;
             ended = feedback.last == 1;
             member
@@ -142,9 +137,7 @@ pub fn run(options: &Options, tap: Option<&mut dyn Tap>) -> Result<(), MonitorEr
                 member.page.master_signal().raise();
             }
         }
-        if let Some(tap) = &mut sinks.tap {
-            tap.look(&member.page, ports.failed());
-        }
+        losses.tell(ports.failed());
         if ended || member.ending() {
             break;
         }

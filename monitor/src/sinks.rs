@@ -1,4 +1,4 @@
-//! Where each sample of a cell goes: into the log that is open, the black box, and whoever else listens in this process.
+//! Where each sample of a cell goes: into the log that is open, and the black box.
 
 use bus::sample::{Feedback, Roster};
 
@@ -6,29 +6,17 @@ use crate::black_box::BlackBox;
 use crate::log::{LogError, SampleRef};
 use crate::logbook::Logbook;
 use crate::options::MonitorError;
-use crate::tap::Tap;
 
-/// All of them.
-pub struct Sinks<'a> {
+/// Both.
+pub struct Sinks {
     pub logbook: Logbook,
     pub black_box: BlackBox,
-    pub tap: Option<&'a mut dyn Tap>,
 }
 
-impl Sinks<'_> {
+impl Sinks {
     /// Any sample but a feedback.
     pub fn take(&mut self, sample: SampleRef<'_>) -> Result<(), LogError> {
         self.black_box.take(sample);
-        if let Some(tap) = &mut self.tap {
-            match sample {
-                SampleRef::Roster(sample) => tap.roster(sample),
-                SampleRef::Instruments(sample) => tap.instruments(sample),
-                SampleRef::BusCycle(sample) => tap.bus_cycle(sample),
-                SampleRef::Command(_, sample) => tap.command(sample),
-                SampleRef::Planner(sample) => tap.planner(sample),
-                SampleRef::Window(..) | SampleRef::Event(_) | SampleRef::Feedback(_) => {}
-            }
-        }
         self.logbook.record(|log| log.record(sample))
     }
 
@@ -40,9 +28,6 @@ impl Sinks<'_> {
         roster: Option<&Roster>,
         failed: u64,
     ) -> Result<(), MonitorError> {
-        if let Some(tap) = &mut self.tap {
-            tap.feedback(sample);
-        }
         let started = self.logbook.turn(sample, failed)?;
         if let Some(home) = self.logbook.new_home() {
             self.black_box.move_to(Some(home));

@@ -2,8 +2,10 @@
 
 mod drawing;
 mod guests;
+mod listening;
 pub mod live;
 pub mod metrics;
 pub mod options;
 pub mod scope;
+mod shown;
 pub mod web;

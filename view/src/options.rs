@@ -4,9 +4,46 @@ use std::net::SocketAddr;
 use std::path::PathBuf;
 
 use clap::Args;
-use launcher::options::CellOptions;
-use launcher::web;
 use monitor::scope::span::Span;
+
+use crate::metrics::place as metrics;
+use crate::web::place as web;
+
+/// Which running cell to look at.
+#[derive(Debug, Clone, Args)]
+pub struct CellOptions {
+    /// Name of the cell [default: the only one that runs]
+    #[arg(long, value_name = "NAME")]
+    pub cell: Option<String>,
+    /// See a cell of another machine, on which `quadrant remote serve` runs; read only (docs/howto/remote.md)
+    #[arg(long, value_name = "tcp/HOST:PORT")]
+    pub remote: Option<String>,
+}
+
+/// What the commands that start a cell show of it meanwhile.
+#[derive(Debug, Clone, Args)]
+pub struct ShowOptions {
+    /// Show `quadrant monitor` in this terminal meanwhile; closing it (q) ends nothing
+    #[arg(long)]
+    pub view: bool,
+    /// Serve metrics for Prometheus (OpenMetrics, docs/howto/metrics.md) at this address or port [without one: 127.0.0.1:7823]
+    #[arg(long, value_name = "ADDR", num_args = 0..=1, require_equals = true, default_missing_value = metrics::DEFAULT_ADDRESS, value_parser = metrics::parse_address)]
+    pub metrics: Option<SocketAddr>,
+    /// Show the cell as a page in the browser (docs/howto/web.md) at this address or port [without one: 127.0.0.1:8640]
+    #[arg(long, value_name = "ADDR", num_args = 0..=1, require_equals = true, default_missing_value = web::DEFAULT_ADDRESS, value_parser = web::parse_address)]
+    pub web: Option<SocketAddr>,
+    /// With --web: file with the token that orders from the page need; made if it is not there [default: a new token, printed]
+    #[arg(long, value_name = "FILE", requires = "web")]
+    pub token: Option<PathBuf>,
+}
+
+/// What `quadrant metrics` takes.
+#[derive(Debug, Clone, Args)]
+pub struct MetricsOptions {
+    /// Name of the cell
+    #[arg(long)]
+    pub cell: String,
+}
 
 /// What `quadrant remote serve` takes.
 #[cfg(feature = "remote")]

@@ -1,10 +1,10 @@
 //! The source that the command line names.
 
 use console::exit::Failure;
-use launcher::options::CellOptions;
 
 use super::feed::Feed;
 use super::source::Source;
+use crate::options::CellOptions;
 
 /// The source that the command line names.
 ///

@@ -48,6 +48,9 @@ use console::exit::Outcome;
 use console::output::say;
 use looks::{ONE_LOOK, SILENCE, heard};
 
+/// Set in the environment of a live view in the terminal of a cell's launcher.
+pub const OF_A_LAUNCHER: &str = "QUADRANT_VIEW_OF_LAUNCHER";
+
 /// `quadrant status`.
 pub fn status(options: &StatusOptions) -> Outcome {
     let mut feed = attach::of(&options.to)?;

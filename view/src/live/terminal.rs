@@ -9,6 +9,7 @@ use bus::sample::{Mode, Order};
 use ratatui::DefaultTerminal;
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyEventKind, KeyModifiers};
 
+use super::OF_A_LAUNCHER;
 use super::draw::{Prompt, Screen, draw};
 use super::jog_mode::{Came, JogMode};
 use super::looks::{FRAME, LISTEN};
@@ -19,7 +20,6 @@ use super::typed_line::{Typed, TypedLine};
 use super::words::Tone;
 use console::exit::{INTERRUPTED, Kind, Outcome, words};
 use console::signals::Signals;
-use launcher::view::OF_A_LAUNCHER;
 use operator;
 
 /// So long an answer stays in the bottom line.

@@ -48,7 +48,12 @@ pub fn text(served: &Served, dialect: Dialect) -> Result<String, Error> {
         numbers: std::sync::Arc::clone(&served.numbers),
         cell,
         now_ns: bus::realtime::now_ns(),
-        log_bytes: log_bytes(&served.log),
+        log_bytes: served
+            .recorder
+            .get()
+            .and_then(|of| of.out.as_deref())
+            .map_or(0, log_bytes),
+        samples_lost: monitor::losses::lost_samples(&served.place),
         program: program(served, cell.as_ref()),
     }));
     let mut text = String::with_capacity(32 << 10);
@@ -75,7 +80,8 @@ fn log_bytes(folder: &Path) -> u64 {
 fn program(served: &Served, cell: Option<&CellNow>) -> String {
     let is_loaded = |cell: &&CellNow| cell.program != ProgramState::None as u32;
     let loaded = || served.place.program(cell.filter(is_loaded)?.load);
-    let file = served.program.clone().or_else(loaded);
+    let of_run = served.recorder.get().and_then(|of| of.program.clone());
+    let file = of_run.or_else(loaded);
     let name = file.as_deref().and_then(Path::file_name);
     name.map_or(String::new(), |name| name.to_string_lossy().into_owned())
 }
@@ -129,6 +135,7 @@ struct Snapshot {
     cell: Option<CellNow>,
     now_ns: u64,
     log_bytes: u64,
+    samples_lost: u64,
     program: String,
 }
 
@@ -276,7 +283,7 @@ impl Snapshot {
             "build",
             None,
             info,
-            "The program that runs the recorder.",
+            "The program that serves the metrics.",
             |e| e.encode_info(&[("version", env!("CARGO_PKG_VERSION"))]),
         )?;
         let identity = [
@@ -304,7 +311,7 @@ impl Snapshot {
         )?;
         if let Some(interval) = &numbers.scan_interval {
             let help =
-                "Time between the beginnings of two scans, as a thread of the recorder wakes.";
+                "Time between the beginnings of two scans, as a thread of an observer wakes.";
             let histogram = MetricType::Histogram;
             families.family("scan_interval", Some(Unit::Seconds), histogram, help, |e| {
                 encode_distribution(e, interval)
@@ -325,7 +332,7 @@ impl Snapshot {
         families.gauge(
             "feedback_age",
             Some(Unit::Seconds),
-            "Time since the recorder took the newest feedback.",
+            "Time since the newest feedback was taken.",
             self.cell
                 .map(|cell| self.now_ns.saturating_sub(cell.heard_ns) as f64 * 1e-9),
         )
@@ -409,7 +416,7 @@ impl Snapshot {
             "recorder_lost_samples",
             None,
             "Scans that the recorder did not get, and receptions that failed.",
-            numbers.samples_lost.get(),
+            self.samples_lost,
         )?;
         families.counter(
             "log",
@@ -475,7 +482,7 @@ impl Snapshot {
         families.gauge_per_axis(
             "axis_torque_peak",
             newton_meters(),
-            "Largest magnitude of the torque since the recorder started.",
+            "Largest magnitude of the torque since this process started.",
             &all,
             |axis| &axis.torque_peak_nm,
         )?;
@@ -586,7 +593,7 @@ fn places(families: &mut Families<'_>, kind: AxisKind, axes: &[&AxisNumbers]) ->
     families.gauge_per_axis(
         "axis_following_error_peak",
         unit(),
-        "Largest magnitude of the following error since the recorder started.",
+        "Largest magnitude of the following error since this process started.",
         axes,
         |axis| &axis.following_error_peak_m,
     )?;

@@ -1,33 +1,15 @@
-//! Metrics of a running cell for Prometheus and its kind: OpenMetrics text from the recorder's process (docs/howto/metrics.md).
+//! Metrics of a running cell for Prometheus and its kind: OpenMetrics text from a process of its own (docs/howto/metrics.md).
 //!
-//! A reader descends so: the launcher opens the listening socket ([`launcher::metrics_socket`]) before anything starts and hands it to the recorder
-//! as its standard input, so that a port that is taken is found in time and a recorder that replaces a lost one answers at the
-//! same address. In the recorder `watch` puts what it hears into `numbers`, atomics alone; a thread of its own answers
-//! scrapes (`server`) with what stands there (`exposition`). The recorder waits for neither.
+//! A reader descends so: the socket is opened before anything starts ([`place`]) and handed to the process that serves ([`serve`])
+//! as its standard input. There `watch` puts what it hears of the cell, as every observer does, into `numbers`, atomics alone; a
+//! thread of its own answers scrapes (`server`) with what stands there (`exposition`). The cell waits for neither.
 
 mod exposition;
 mod interval;
 mod numbers;
+pub mod place;
 mod served;
 mod server;
 mod watch;
 
-use std::net::TcpListener;
-use std::os::fd::AsFd;
-
-use anyhow::{Context, bail};
-
-pub use watch::Watch;
-
-/// The listening socket that this process was given as its standard input, as by inetd or systemd (`StandardInput=socket`).
-///
-/// # Errors
-/// Standard input is no listening socket.
-pub fn inherited() -> anyhow::Result<TcpListener> {
-    let given = std::io::stdin().as_fd().try_clone_to_owned()?;
-    let listens = rustix::net::sockopt::socket_acceptconn(&given);
-    if !listens.context("standard input is no socket to serve metrics at")? {
-        bail!("standard input is a socket that does not listen: no metrics can be served at it");
-    }
-    Ok(given.into())
-}
+pub use watch::serve;

@@ -1,4 +1,4 @@
-//! The numbers that metrics are made of: written by the recorder, read by whoever answers a scrape. Each number of an axis or a
+//! The numbers that metrics are made of: written as samples come, read by whoever answers a scrape. Each number of an axis or a
 //! process is an atomic of its own, and two of them may be a scan apart; what a scan tells of the cell is taken together, since
 //! one without the other would be untrue: a program that is loaded and has no name, a machine that is ready and runs.
 
@@ -272,8 +272,6 @@ pub struct Numbers {
     pub progress_ratio: Number,
     /// Trips by cause on the wire.
     trips: [Count; Cause::ALL.len()],
-    /// Samples that the recorder did not get.
-    pub samples_lost: Count,
     /// The fieldbus.
     pub bus: BusNumbers,
     /// Per axis.
@@ -342,7 +340,6 @@ impl Numbers {
             now: Mutex::default(),
             progress_ratio: Number::default(),
             trips: Default::default(),
-            samples_lost: Count::default(),
             bus: BusNumbers::default(),
             axes: axes.collect(),
             processes: processes.collect(),

@@ -1,21 +1,19 @@
 //! What scrapes are answered from.
 
-use std::path::PathBuf;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use bus::cell::CellPaths;
+use launcher::children::Child;
 
 use super::numbers::Numbers;
 
 /// What is served.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Served {
     /// The cell.
     pub place: CellPaths,
     /// Its numbers.
     pub numbers: Arc<Numbers>,
-    /// Run directory with the log, or the folder of those of a cell that stays up.
-    pub log: PathBuf,
-    /// The program of the one run; none in a cell that stays up.
-    pub program: Option<PathBuf>,
+    /// Its recorder, once one was seen: where it writes, and which program the one run has.
+    pub recorder: Arc<OnceLock<Child>>,
 }

@@ -138,8 +138,7 @@ mod tests {
         Served {
             place: CellPaths::new("metrics-of-no-cell").expect("a name"),
             numbers: Arc::new(Numbers::new(&machine, bus::member::Pace::Lockstep)),
-            log: root,
-            program: None,
+            recorder: Arc::default(),
         }
     }
 

@@ -1,41 +1,78 @@
-//! Puts what the recorder takes into the numbers that metrics are made of.
+//! The process that serves metrics: puts what it hears of a cell into the numbers that they are made of.
 
-use std::net::TcpListener;
-use std::path::PathBuf;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 use std::thread::JoinHandle;
+use std::time::Duration;
 
 use bus::cell::CellPaths;
-use bus::member::Member;
-use bus::sample::{
-    AxisCommand, BusCycle, Cause, Feedback, Instruments, Job, Mode, PlannerStatus, Roster,
-};
+use bus::member::Pace;
+use bus::sample::{AxisCommand, Cause, Feedback, Job, Mode, PlannerStatus, Roster};
+use bus::service::RECORDER_DEPTH_SCANS;
 use bus::signal_page::SignalPage;
+use console::exit::{Kind, Outcome};
+use console::signals::Signals;
+use console::{logs, output};
+use launcher::children::{Child, children_of};
 use machine::{Machine, Process};
+use operator::{Client, held, program_behind};
 use program::Program;
 
 use super::numbers::{CellNow, Numbers, base_unit};
 use super::served::Served;
 use super::{interval, server};
+use crate::listening::inherited;
 use crate::live::model::Model;
-use operator::program_behind;
+use crate::live::ports::Ports;
+use crate::options::MetricsOptions;
 
-/// The recorder's listener for metrics.
-pub struct Watch {
-    listener: Option<TcpListener>,
-    /// Run directory.
-    out: PathBuf,
-    /// Part program; none in a cell that stays up.
-    program: Option<PathBuf>,
-    cell: Option<Cell>,
+/// Time between two looks at the cell.
+const LOOK: Duration = Duration::from_millis(10);
+/// Behind whatever controls the machine, where priorities are ordinary.
+const NICE: i32 = 10;
+
+/// `quadrant metrics`: serves those of a cell at the listening socket that standard input is, until it ends.
+pub fn serve(options: &MetricsOptions) -> Outcome {
+    logs::init_launcher();
+    output::never_wait();
+    let signals = Signals::catch().environment()?;
+    let listener = inherited().input()?;
+    let Client { cell, machine, bus } = Client::find(Some(&options.cell), "metrics")?;
+    let mut ports = held(&cell, Ports::open(bus, &machine))?;
+    let children = children_of(cell.page.launcher_pid());
+    let pace = children.iter().find_map(|child| child.pace);
+    let served = Served {
+        place: cell.place.clone(),
+        numbers: Arc::new(Numbers::new(&machine, pace.unwrap_or(Pace::Realtime))),
+        recorder: Arc::default(),
+    };
+    if served.numbers.scan_interval.is_some() {
+        interval::start(&cell.place, Arc::clone(&served.numbers));
+    }
+    // What times the scans stays as prompt as it can be. Whoever may not be nice is served all the same.
+    let _ = rustix::process::nice(NICE);
+    let mut watch = Watch::new(machine, served.clone());
+    watch.find_recorder(&cell.page);
+    server::start(listener, served).environment()?;
+    while signals.count() == 0 && !cell.is_gone() {
+        watch.find_recorder(&cell.page);
+        let all = watch.take(&mut ports);
+        if watch.model.ended {
+            cell.note_last();
+        }
+        watch.look(&cell.page);
+        if all {
+            std::thread::sleep(LOOK);
+        }
+    }
+    Ok(())
 }
 
-struct Cell {
+struct Watch {
     model: Model,
     numbers: Arc<Numbers>,
     machine: Machine,
     place: CellPaths,
-    program: Option<PathBuf>,
+    recorder: Arc<OnceLock<Child>>,
     /// Hash of the program that was tried to be read.
     read: Option<u64>,
     reading: Option<JoinHandle<Option<Program>>>,
@@ -45,104 +82,59 @@ struct Cell {
 }
 
 impl Watch {
-    /// Serves at `listener` what is recorded into `out`.
-    pub fn new(listener: TcpListener, out: PathBuf, program: Option<PathBuf>) -> Self {
+    fn new(machine: Machine, served: Served) -> Watch {
         Watch {
-            listener: Some(listener),
-            out,
-            program,
-            cell: None,
-        }
-    }
-}
-
-impl monitor::Tap for Watch {
-    fn begins(&mut self, member: &Member, machine: &Machine) {
-        let slot = member.slot();
-        let numbers = Arc::new(Numbers::new(machine, slot.pace));
-        // It is a member of a cell of that name.
-        let Ok(place) = CellPaths::new(&slot.cell) else {
-            return;
-        };
-        if let Some(listener) = self.listener.take() {
-            let served = Served {
-                place: place.clone(),
-                numbers: Arc::clone(&numbers),
-                log: self.out.clone(),
-                program: self.program.clone(),
-            };
-            if let Err(error) = server::start(listener, served) {
-                tracing::error!("no metrics: {error}");
-            }
-        }
-        if numbers.scan_interval.is_some() {
-            interval::start(&place, Arc::clone(&numbers));
-        }
-        let model = Model::new(&slot.cell, machine.clone());
-        self.cell = Some(Cell::new(model, numbers, place, self.program.clone()));
-    }
-
-    fn roster(&mut self, sample: &Roster) {
-        if let Some(cell) = &mut self.cell {
-            cell.roster(sample);
-        }
-    }
-
-    fn instruments(&mut self, sample: &Instruments) {
-        if let Some(cell) = &mut self.cell {
-            cell.model.instruments(sample);
-        }
-    }
-
-    fn bus_cycle(&mut self, sample: &BusCycle) {
-        if let Some(cell) = &mut self.cell {
-            cell.numbers.bus.take(sample);
-        }
-    }
-
-    fn command(&mut self, sample: &AxisCommand) {
-        if let Some(cell) = &mut self.cell {
-            cell.command(sample);
-        }
-    }
-
-    fn planner(&mut self, sample: &PlannerStatus) {
-        if let Some(cell) = &mut self.cell {
-            cell.planner(sample);
-        }
-    }
-
-    fn feedback(&mut self, sample: &Feedback) {
-        if let Some(cell) = &mut self.cell {
-            cell.feedback(sample);
-        }
-    }
-
-    fn look(&mut self, page: &SignalPage, failed: u64) {
-        if let Some(cell) = &mut self.cell {
-            cell.look(page, failed);
-        }
-    }
-}
-
-impl Cell {
-    fn new(
-        model: Model,
-        numbers: Arc<Numbers>,
-        place: CellPaths,
-        program: Option<PathBuf>,
-    ) -> Self {
-        Cell {
-            machine: model.machine.clone(),
-            model,
-            numbers,
-            place,
-            program,
+            model: Model::new(served.place.name(), machine.clone()),
+            numbers: served.numbers,
+            machine,
+            place: served.place,
+            recorder: served.recorder,
             read: None,
             reading: None,
             tripped: false,
             reversals: 0,
         }
+    }
+
+    /// Where the log is, and which program the one run has, is known from the recorder's command line.
+    fn find_recorder(&mut self, page: &SignalPage) {
+        if self.recorder.get().is_none() {
+            let mut children = children_of(page.launcher_pid()).into_iter();
+            if let Some(recorder) = children.find(|child| child.out.is_some()) {
+                let _ = self.recorder.set(recorder);
+            }
+        }
+    }
+
+    /// Takes what has come since the last look, scan by scan; whether that was all.
+    fn take(&mut self, ports: &mut Ports) -> bool {
+        while let Some(roster) = ports.roster.any() {
+            self.roster(&roster);
+        }
+        if let Some(status) = ports.planner.newest(u64::MAX) {
+            self.planner(&status);
+        }
+        for _ in 0..RECORDER_DEPTH_SCANS {
+            let Some(feedback) = ports.feedback.any() else {
+                return true;
+            };
+            self.feedback(&feedback);
+            let scan = feedback.scan;
+            for reader in &mut ports.commands {
+                while let Some(command) = reader.next(scan) {
+                    self.command(&command);
+                }
+            }
+            while let Some(sample) = ports.instruments.next(scan) {
+                self.model.instruments(&sample);
+            }
+            if let Some(reader) = &mut ports.bus_cycle {
+                while let Some(sample) = reader.next(scan) {
+                    self.numbers.bus.take(&sample);
+                }
+            }
+        }
+        false
     }
 
     fn roster(&mut self, sample: &Roster) {
@@ -188,7 +180,7 @@ impl Cell {
         self.model.feedback(sample);
         let numbers = &self.numbers;
         numbers.set_now(CellNow::of(sample, bus::realtime::now_ns()));
-        // Also one that was there before this recorder: its count goes on from that of the one before, which had seen it.
+        // Also one that was there before this process: its count goes on from that of the one before, which had seen it.
         let tripped = sample.mode == Mode::Tripped as u32;
         if tripped
             && !self.tripped
@@ -225,24 +217,22 @@ impl Cell {
         if hash == 0 || self.read == Some(hash) || self.reading.is_some() {
             return;
         }
+        let of_run = self.recorder.get().and_then(|of| of.program.clone());
+        let Some(file) = of_run.or_else(|| self.place.program(sample.load)) else {
+            return;
+        };
         self.read = Some(hash);
         self.model.program = None;
-        let (place, file) = (self.place.clone(), self.program.clone());
         let (machine, sample) = (self.machine.clone(), *sample);
         let thread = std::thread::Builder::new().name("qd-program".into());
         self.reading = thread
-            .spawn(move || {
-                let file = file.or_else(|| place.program(sample.load))?;
-                program_behind(&file, &machine, &sample)
-            })
+            .spawn(move || program_behind(&file, &machine, &sample))
             .ok();
     }
 
-    fn look(&mut self, page: &SignalPage, failed: u64) {
+    fn look(&mut self, page: &SignalPage) {
         self.model.end_of_look();
         let numbers = &self.numbers;
-        let (_, skipped) = self.model.seen_scans;
-        numbers.samples_lost.set(skipped + failed);
         let new = self.model.reversals.count - self.reversals;
         self.reversals = self.model.reversals.count;
         let kept = &self.model.reversals.last;

@@ -9,8 +9,9 @@ use std::net::IpAddr;
 use axum::http::header::{AUTHORIZATION, CONTENT_TYPE, HOST, ORIGIN};
 use axum::http::uri::Authority;
 use axum::http::{HeaderMap, HeaderName, StatusCode};
-use launcher::web::Token;
 use subtle::ConstantTimeEq;
+
+use super::token::Token;
 
 /// Why something is refused, in words that say what is right.
 pub type Refusal = (StatusCode, String);

@@ -9,7 +9,9 @@ mod frame;
 mod guard;
 mod orders;
 mod pictures;
+pub mod place;
 mod server;
+mod token;
 
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
@@ -19,14 +21,15 @@ use bus::cell::CellPaths;
 use console::exit::{Failure, Kind, Outcome};
 use console::signals::Signals;
 use console::{logs, output};
-use launcher::web::{Place, is_loopback};
 use tokio::sync::watch;
 
+use crate::listening::is_loopback;
 use crate::live::feed::Feed;
 use crate::live::trail::Trail;
 use crate::options::WebOptions;
 use frame::Frame;
 use pictures::Pictures;
+use place::Place;
 use server::Served;
 
 /// Time between two frames.
@@ -54,12 +57,17 @@ pub fn web(options: &WebOptions) -> Outcome {
         Place::inherited().input()?
     } else {
         let place = Place::open(options.address, options.token.as_deref())?;
-        place.announce();
+        output::say(&place.words());
         place
     };
     // Whoever may not be nice is served all the same.
     let _ = rustix::process::nice(NICE);
-    let (listener, address, token) = place.parts();
+    let Place {
+        listener,
+        address,
+        token,
+        ..
+    } = place;
     let (frames, newest) = watch::channel(Bytes::new());
     let pictures = Arc::new(Mutex::new(Pictures::new(&feed.model)));
     let served = Served {

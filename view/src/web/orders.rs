@@ -9,10 +9,10 @@ use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
 use bus::sample::Order;
-use launcher::web::TOKEN_VARIABLE;
 use operator::{Click, Given, click_numbered};
 use serde::Deserialize;
 
+use super::token::TOKEN_VARIABLE;
 use super::words_of;
 
 /// A command that has not ended by then is ended: each has its own limits, and they are shorter.

@@ -27,13 +27,13 @@ use hyper::server::conn::http1;
 use hyper::service::{Service, service_fn};
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
-use launcher::web::Token;
 use rustix::net::sockopt;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, watch};
 use tokio_stream::StreamExt;
 use tokio_stream::wrappers::WatchStream;
 
 use super::pictures::{Pictures, locked};
+use super::token::Token;
 use super::{guard, orders};
 use crate::guests::{Guest, Guests};
 

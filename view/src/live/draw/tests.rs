@@ -67,6 +67,7 @@ fn model() -> Model {
         incarnation: 1,
         pace: Some(Pace::Realtime),
         program: None,
+        out: None,
     }];
     model.processes_seen(children, vec![Some(100_008); 24], Some(100_000));
     model

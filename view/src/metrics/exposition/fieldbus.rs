@@ -22,7 +22,7 @@ pub(super) fn families(families: &mut Families<'_>, numbers: &BusNumbers) -> Res
     families.gauge(
         "bus_round_trip_peak",
         seconds.clone(),
-        "The longest one since the recorder started.",
+        "The longest one since this process started.",
         numbers.round_trip_peak_s.get(),
     )?;
     families.gauge(
@@ -34,7 +34,7 @@ pub(super) fn families(families: &mut Families<'_>, numbers: &BusNumbers) -> Res
     families.gauge(
         "bus_clock_offset_peak",
         seconds,
-        "Its largest magnitude since the recorder started.",
+        "Its largest magnitude since this process started.",
         numbers.clock_offset_peak_s.get(),
     )?;
     let newest = numbers.newest();

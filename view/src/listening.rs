@@ -1,6 +1,10 @@
-//! Addresses that a process of a cell listens at: metrics, the page.
+//! Sockets that the metrics and the page are served at: opened by the command that starts a cell, before anything starts, so that an
+//! address that is taken is found in time, and handed to the process that serves.
 
-use std::net::{IpAddr, Ipv4Addr, SocketAddr};
+use std::net::{IpAddr, Ipv4Addr, SocketAddr, TcpListener};
+use std::os::fd::AsFd;
+
+use anyhow::{Context, bail};
 
 /// Reads an address with its port, or a port of this PC; `usual` is the address where none is named.
 ///
@@ -34,9 +38,36 @@ pub fn is_loopback(ip: IpAddr) -> bool {
     }
 }
 
+/// The listening socket that this process was given as its standard input, as by inetd or systemd (`StandardInput=socket`).
+///
+/// # Errors
+/// Standard input is none.
+pub fn inherited() -> anyhow::Result<TcpListener> {
+    let given = std::io::stdin().as_fd().try_clone_to_owned()?;
+    let listens = rustix::net::sockopt::socket_acceptconn(&given);
+    if !listens.context("standard input is no socket to serve at")? {
+        bail!("standard input is a socket that does not listen: nothing can be served at it");
+    }
+    Ok(given.into())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn an_address_is_read_with_its_port_and_a_port_alone_is_this_pcs() {
+        let usual = "127.0.0.1:7823";
+        let read = |text| parse_address(text, usual, 7823).map(|address| address.to_string());
+        assert_eq!(read("0"), Ok("127.0.0.1:0".into()));
+        assert_eq!(read("7900"), Ok("127.0.0.1:7900".into()));
+        assert_eq!(read("0.0.0.0:7823"), Ok("0.0.0.0:7823".into()));
+        assert_eq!(read("[::1]:7823"), Ok("[::1]:7823".into()));
+        for wrong in ["", "localhost", "10.0.0.1", "70000", "machines/xy"] {
+            let error = read(wrong).expect_err(wrong);
+            assert!(error.contains(usual), "{wrong}: {error}");
+        }
+    }
 
     #[test]
     fn only_loopback_addresses_are_taken_for_this_pcs_alone() {
