@@ -91,7 +91,7 @@ impl Progress {
             .is_for_operator()
             .then_some((auxiliary.waiting, auxiliary.events_done));
         let new = stop.is_some() && stop != self.told_of;
-        if let Some(what) = monitor::auxiliary::waiting(&auxiliary).filter(|_| new) {
+        if let Some(what) = monitor::words::waiting(&auxiliary).filter(|_| new) {
             tracing::warn!("the program waits for {what}: `quadrant resume` goes on");
         }
         self.told_of = stop;

@@ -116,7 +116,7 @@ pub fn program_name(program: &Path) -> anyhow::Result<&str> {
         .to_str()
         .with_context(|| format!("{shown}: a program's name must be UTF-8"))?;
     let is_log = name.starts_with("run-") && name.ends_with(".mcap");
-    let is_black_box = name.starts_with(monitor::black_box::BLACK_BOX_PREFIX);
+    let is_black_box = name.starts_with(monitor::BLACK_BOX_PREFIX);
     // Folders of comparisons.
     let is_against = name.starts_with("against-");
     if RESERVED.contains(&name) || is_log || is_black_box || is_against || name.ends_with(".svg") {

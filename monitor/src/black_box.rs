@@ -211,6 +211,7 @@ impl BlackBox {
     }
 
     /// What the ring holds: scans and bytes.
+    #[cfg(test)]
     pub fn held(&self) -> (usize, usize) {
         self.ring.held()
     }

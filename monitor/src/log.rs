@@ -3,7 +3,7 @@
 //! The samples are plain old data without padding and every field is at a multiple of its size, so their
 //! little-endian bytes already are CDR (XCDR1, OMG DDS-XTypes 1.3 §7.4.1). A message is the four bytes of the
 //! encapsulation header and the sample, cut to the axes and subsamples in use; its schema is generated from the same
-//! table of fields ([`layout`]). MCAP: <https://mcap.dev/spec>.
+//! table of fields (`layout`). MCAP: <https://mcap.dev/spec>.
 //!
 //! A recorder that replaces a dead one begins a further part, `run-2.mcap` … ([`RunLog`] reads them as one).
 //!
@@ -15,24 +15,24 @@ pub(crate) mod codec;
 mod derived;
 mod error;
 mod feed;
-pub mod layout;
+pub(crate) mod layout;
 mod parts;
 #[cfg(test)]
 mod parts_tests;
 mod reader;
-mod record;
 mod recorder;
+pub mod records;
 mod run_info;
 mod sample;
-mod skim;
 #[cfg(test)]
 mod tests;
 
 pub use attached::attached_files;
+pub use codec::Content;
 pub use error::LogError;
-pub use parts::{LOG_FILE, Part, RunLog, part_files, part_name};
+pub use parts::{LOG_FILE, Part, RunLog, part_files};
 pub use reader::{Reader, read_only};
 pub use recorder::Recorder;
-pub use run_info::{BEGINS_AT, Event, RunEnd, RunInfo};
+pub(crate) use run_info::BEGINS_AT;
+pub use run_info::{Event, RunEnd, RunInfo};
 pub use sample::{LoggedWindow, Sample, SampleRef};
-pub use skim::{Answers, Prescan, Start, skim};

@@ -1,7 +1,7 @@
 //! `messages.jsonl`: what the program of a run has said (MSG, DEBUG, PRINT, LOG), a line each, in the scan in which its path came to it.
 
 use std::fs::{self, File, OpenOptions};
-use std::io::{self, BufRead, BufReader, Write};
+use std::io::{self, Write};
 use std::path::Path;
 
 use bus::cell::CellPaths;
@@ -118,45 +118,6 @@ fn lines_of(scan: u64, heard: &Heard, last: u32) -> Vec<Line> {
     lines
 }
 
-/// What a program has said, as far as a report lists it.
-#[derive(Debug, Clone, Default)]
-pub struct Said {
-    /// The first ones.
-    pub lines: Vec<Line>,
-    /// Those behind them.
-    pub more: u64,
-    /// The last one.
-    pub last: Option<Line>,
-    /// Those that are lost.
-    pub dropped: u64,
-}
-
-impl Said {
-    /// Reads the file in a run directory, up to so many lines; nothing where there is none.
-    pub fn read(folder: &Path, most: usize) -> Said {
-        let mut said = Said::default();
-        let Ok(file) = File::open(folder.join(MESSAGES_FILE)) else {
-            return said;
-        };
-        for line in BufReader::new(file).lines().map_while(Result::ok) {
-            let Ok(line) = serde_json::from_str::<Line>(&line) else {
-                continue;
-            };
-            if let Some(dropped) = line.dropped {
-                said.dropped += u64::from(dropped);
-                continue;
-            }
-            said.last = Some(line.clone());
-            if said.lines.len() < most {
-                said.lines.push(line);
-            } else {
-                said.more += 1;
-            }
-        }
-        said
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use bus::messages::{MessageWriter, ProgramMessage};
@@ -197,7 +158,5 @@ mod tests {
         }
         let _ = fs::remove_dir_all(cell.folder());
         written.expect("room");
-        let said = Said::read(folder.path(), 2);
-        assert_eq!((said.lines.len(), said.more, said.dropped), (2, 1, 0));
     }
 }

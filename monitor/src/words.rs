@@ -1,8 +1,8 @@
-//! What people read: numbers, and why a machine stopped.
+//! What people read: numbers, why a machine stopped, and what a program waits for.
 
 use std::fmt;
 
-use bus::sample::{Cause, Feedback};
+use bus::sample::{Auxiliaries, Cause, Feedback, Waiting};
 use machine::Machine;
 
 /// A number with so many decimals at most, and without zeros at the end.
@@ -13,6 +13,33 @@ pub fn shown(value: f64, decimals: usize) -> String {
         false => &text,
     };
     if text == "-0" { "0" } else { text }.to_owned()
+}
+
+/// A speed of the spindle, whatever its direction.
+pub fn rev_min(speed_rpm: f64) -> String {
+    format!("{} rev/min", shown(speed_rpm.abs(), 1))
+}
+
+/// What is waited for and for which line; none if nothing is.
+pub fn waiting(auxiliary: &Auxiliaries) -> Option<String> {
+    let waiting = Waiting::from_wire(auxiliary.waiting)?;
+    let tool = auxiliary.levels.tool;
+    let what = match waiting {
+        Waiting::None => return None,
+        Waiting::SpindleSpeed => format!(
+            "{}: {:.0} of {}",
+            waiting.words(),
+            auxiliary.spindle_rpm.abs(),
+            rev_min(auxiliary.levels.spindle_rpm)
+        ),
+        Waiting::ToolChange => format!("{}: tool {tool}", waiting.words()),
+        Waiting::ToolByOperator => format!("the operator to put in tool {tool}"),
+        _ => waiting.words().into(),
+    };
+    Some(match auxiliary.line {
+        0 => what,
+        line => format!("{what}, line {line}"),
+    })
 }
 
 /// Why a machine tripped or stopped, as its feedback names it.

@@ -10,8 +10,9 @@ use serde_json::Value;
 use super::error::ReportError;
 use super::outcome::OutcomeKind;
 use crate::measure::{Analysis, Measurements, RunPath};
-use monitor::log::{Answers, Part, Prescan, RunEnd, RunInfo, RunLog, Sample, Start, skim};
-use monitor::said::Said;
+use crate::said::Said;
+use crate::skim::{Answers, Prescan, Start, skim};
+use monitor::log::{Part, RunEnd, RunInfo, RunLog, Sample};
 
 /// How the launcher saw a run end.
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -5,6 +5,8 @@
 //! are the recorder's, and are in the log.
 
 pub mod against;
+mod align;
+pub mod auxiliary;
 mod axes;
 mod cause_sections;
 mod causes;
@@ -12,6 +14,7 @@ mod circle_plot;
 pub mod command;
 pub mod comparison;
 mod contents;
+pub mod contour;
 mod document;
 mod error;
 mod evaluation;
@@ -30,11 +33,15 @@ mod peaks;
 pub mod plot;
 mod ranking;
 mod rounded;
+mod said;
+pub mod scope;
 pub mod scope_picture;
 mod settings_difference;
 mod side_by_side;
+mod skim;
 mod text;
 mod tracking_plot;
+pub mod turns;
 
 #[cfg(test)]
 #[path = "../../monitor/src/test_support.rs"]

@@ -1,5 +1,5 @@
 //! What a run was like, measured on the stream of its samples: the same code for samples from the wire and from the
-//! log, and the same result however the channels were interleaved ([`monitor::align`]).
+//! log, and the same result however the channels were interleaved ([`crate::align`]).
 //!
 //! Everything about the path is measured on the *table* as the bench's instruments saw it, in the terms of
 //! ISO 230-4:2022 (circular tests) and ISO 230-1 (contour deviations); where an arm is in for Y, on the part.
@@ -36,6 +36,7 @@ use machine::Machine;
 use path::geometry::{AxisVector, MAX_AXES};
 use path::kinematics::Kinematics;
 
+use crate::align::{Aligner, ScanSet};
 use arc::{ArcMeter, ArcResult};
 use auxiliary::{AuxiliaryEvent, AuxiliaryMeter};
 use axis::blocks::{BlockMeter, BlockPeaks};
@@ -43,7 +44,6 @@ use axis::{AxisMeter, LimitCounts, LimitsAudit};
 use ball_bar::BallBar;
 use contour_parts::{ContourParts, ContourPartsMeter};
 use faults::{FaultResult, Faults, ProcessResult, Seen};
-use monitor::align::{Aligner, ScanSet};
 use monitor::log::Sample;
 use monitor::words::StopCause;
 pub use outcome::Outcome;

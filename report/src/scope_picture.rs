@@ -5,8 +5,8 @@ use std::path::Path;
 use plotters::prelude::*;
 
 use crate::plot::{self, Area, CURVES, Drawn, FINE, Frame, INK, PlotError, SOFT, font, words};
-use monitor::scope::Capture;
-use monitor::scope::signal::Signal;
+use crate::scope::Capture;
+use crate::scope::signal::Signal;
 
 const WIDTH: i32 = 1000;
 const PANEL: i32 = 170;

@@ -578,6 +578,6 @@ fn a_death_reported_behind_the_damage_of_a_log_is_not_reported() {
     let scans = evaluation.measurements.scans;
     assert_eq!(scans, 1001);
     assert_eq!(evaluation.measurements.faults.len(), 0);
-    let found = monitor::log::skim(dir.path()).unwrap();
+    let found = crate::skim::skim(dir.path()).unwrap();
     assert_eq!(found.rosters.len(), 1, "its index still names it");
 }

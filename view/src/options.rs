@@ -4,7 +4,7 @@ use std::net::SocketAddr;
 use std::path::PathBuf;
 
 use clap::Args;
-use monitor::scope::span::Span;
+use report::scope::span::Span;
 
 use crate::metrics::place as metrics;
 use crate::web::place as web;

@@ -98,6 +98,7 @@ impl Ring {
     }
 
     /// Scans in it, and the bytes that it takes.
+    #[cfg(test)]
     pub(super) fn held(&self) -> (usize, usize) {
         (self.places.len(), self.bytes.len())
     }

@@ -221,22 +221,17 @@ fn a_death_is_saved_under_the_name_of_the_process_and_found_in_its_box() {
     assert_eq!(bench.files(), ["black-box-997-death-servo-Y.mcap"]);
     let (samples, first, last) = read(&bench.path("black-box-997-death-servo-Y.mcap"));
     assert_eq!((first, last), (500, 1200));
-    let machine = machine(&["X", "Y"]);
-    let mut scope = crate::scope::Scope::new(
-        &machine,
-        crate::scope::Settings {
-            signals: crate::scope::signal::Signal::all(&machine),
-            trigger: crate::scope::trigger::Trigger::parse("death servo-Y", &machine)
-                .expect("a trigger"),
-            before: 10,
-            after: 10,
-            from: 0,
-            fill_first: false,
-        },
-    );
-    samples.into_iter().for_each(|sample| scope.take(sample));
-    scope.finish();
-    assert_eq!(scope.next_capture().map(|c| c.trigger_scan), Some(997));
+    // The death is in it, as the roster tells it.
+    let mut deaths = Deaths::new(&machine(&["X", "Y"]));
+    for sample in samples {
+        match sample {
+            Sample::Feedback(feedback) => deaths.scan(feedback.scan),
+            Sample::Roster(roster) => deaths.roster(&roster),
+            _ => {}
+        }
+    }
+    let died = deaths.next_new().map(|death| (death.scan, death.name));
+    assert_eq!(died, Some((997, "servo-Y".into())));
 }
 
 #[test]

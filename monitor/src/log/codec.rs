@@ -18,20 +18,28 @@ pub(crate) const ENCAPSULATION: [u8; 4] = [0, 1, 0, 0];
 /// What a message carries.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u8)]
-pub(crate) enum Content {
+pub enum Content {
+    /// What the master published.
     Feedback,
+    /// What the bench's instruments saw.
     Instruments,
+    /// What a servo asked for.
     Command,
+    /// What the planner published.
     Window,
+    /// How the planner stood.
     Planner,
+    /// Who took part.
     Roster,
+    /// What happened to the process group.
     Event,
+    /// What the fieldbus did.
     BusCycle,
 }
 
 impl Content {
     /// What a topic carries; none if nobody here reads it.
-    pub(crate) fn of_topic(topic: &str) -> Option<Content> {
+    pub fn of_topic(topic: &str) -> Option<Content> {
         Some(match topic {
             "/feedback" => Content::Feedback,
             "/instruments" => Content::Instruments,

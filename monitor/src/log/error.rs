@@ -1,6 +1,6 @@
 //! What can be wrong with a log.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use super::run_info::RUN_RECORD;
 
@@ -40,4 +40,18 @@ pub enum LogError {
     /// A sample that has no place in a log of this machine.
     #[error("{0}")]
     BadSample(String),
+}
+
+impl LogError {
+    /// What the file system says of a log.
+    pub(super) fn of_file(path: &Path) -> impl FnOnce(std::io::Error) -> LogError {
+        let path = path.into();
+        |source| LogError::File { path, source }
+    }
+
+    /// What the MCAP writer says of it.
+    pub(super) fn of_writer(path: &Path) -> impl FnOnce(mcap::McapError) -> LogError {
+        let path = path.into();
+        |source| LogError::Write { path, source }
+    }
 }

@@ -5,23 +5,20 @@
 
 use std::collections::BTreeSet;
 use std::fs::File;
-use std::io::{self, BufReader, Read};
+use std::io::{self, BufReader};
+use std::ops::ControlFlow;
 use std::sync::mpsc::{Receiver, Sender, SyncSender, channel, sync_channel};
 use std::thread::JoinHandle;
 
 use mcap::records::{Record, op};
-use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
 
 use super::codec::Content;
+use super::records::{Broken, Records, parse_record};
 
 /// Bytes after which a batch is handed over.
 const BATCH_BYTES: usize = 1 << 18;
 /// Batches that may wait to be taken.
 const BATCHES_AHEAD: usize = 4;
-/// Most that is read from the file at once, in bytes.
-const READ_BYTES: usize = 1 << 20;
-/// Longest record outside a chunk that is read, in bytes: a program of 200 MB and room.
-const RECORD_BYTES_MAX: usize = 256 << 20;
 
 /// Some records, one behind the other.
 #[derive(Debug, Default)]
@@ -54,16 +51,8 @@ impl Batch {
     }
 }
 
-/// How the records of a file end.
-#[derive(Debug)]
-pub(super) enum Ending {
-    /// As they should.
-    Whole,
-    /// Early, or with something that is no record.
-    Cut(mcap::McapError),
-    /// The file can no longer be read.
-    Failed(io::Error),
-}
+/// How the records of a file end: as they should, or broken.
+pub(super) type Ending = Result<(), Broken>;
 
 enum Parcel {
     Batch(Batch),
@@ -79,16 +68,16 @@ pub(super) struct Feed {
 }
 
 impl Feed {
-    /// Goes on where `mcap` is in the file.
+    /// Goes on with the records from where they are.
     ///
     /// # Errors
     /// No thread can be started.
-    pub(super) fn start(mcap: LinearReader, file: BufReader<File>) -> io::Result<Feed> {
+    pub(super) fn start(records: Records<BufReader<File>>) -> io::Result<Feed> {
         let (parcel_out, parcels) = sync_channel(BATCHES_AHEAD);
         let (empty, empty_in) = channel();
         let thread = std::thread::Builder::new()
             .name("log-reader".into())
-            .spawn(move || Reading::new(mcap, file, parcel_out, empty_in).run())?;
+            .spawn(move || hand_over(records, &parcel_out, &empty_in))?;
         Ok(Feed {
             parcels: Some(parcels),
             empty: Some(empty),
@@ -105,9 +94,10 @@ impl Feed {
         match self.parcels.as_ref().map(Receiver::recv) {
             Some(Ok(Parcel::Batch(batch))) => Ok(batch),
             Some(Ok(Parcel::End(ending))) => Err(ending),
-            Some(Err(_)) | None => Err(Ending::Failed(io::Error::other(
-                "the thread that reads it ended early",
-            ))),
+            Some(Err(_)) | None => {
+                let early = io::Error::other("the thread that reads it ended early");
+                Err(Err(Broken::Failed(early)))
+            }
         }
     }
 }
@@ -123,67 +113,34 @@ impl Drop for Feed {
     }
 }
 
-/// The thread.
-struct Reading {
-    mcap: LinearReader,
-    file: BufReader<File>,
-    out: SyncSender<Parcel>,
-    empty: Receiver<Batch>,
-    /// Channels whose messages nobody here reads.
-    unread: BTreeSet<u16>,
-}
-
-impl Reading {
-    fn new(
-        mcap: LinearReader,
-        file: BufReader<File>,
-        out: SyncSender<Parcel>,
-        empty: Receiver<Batch>,
-    ) -> Reading {
-        Reading {
-            mcap,
-            file,
-            out,
-            empty,
-            unread: BTreeSet::new(),
+/// What the thread does.
+fn hand_over(
+    mut records: Records<BufReader<File>>,
+    out: &SyncSender<Parcel>,
+    empty: &Receiver<Batch>,
+) {
+    // Channels whose messages nobody here reads.
+    let mut unread = BTreeSet::new();
+    let mut batch = Batch::default();
+    let ended = records.each(|opcode, data| {
+        if wanted(opcode, data, &mut unread) {
+            batch.put(opcode, data);
         }
-    }
-
-    fn run(mut self) {
-        let mut batch = Batch::default();
-        let ending = loop {
-            let event = match self.mcap.next_event() {
-                None => break Ending::Whole,
-                Some(Err(error)) => break Ending::Cut(error),
-                Some(Ok(event)) => event,
-            };
-            match event {
-                LinearReadEvent::ReadRequest(bytes) => {
-                    if let Err(error) = fill(&mut self.file, &mut self.mcap, bytes) {
-                        break Ending::Failed(error);
-                    }
-                }
-                LinearReadEvent::Record { opcode, data } => {
-                    if wanted(opcode, data, &mut self.unread) {
-                        batch.put(opcode, data);
-                    }
-                    if opcode == op::DATA_END {
-                        break Ending::Whole;
-                    }
-                }
+        if opcode == op::DATA_END {
+            return ControlFlow::Break(());
+        }
+        if batch.bytes.len() >= BATCH_BYTES {
+            let mut next = empty.try_recv().unwrap_or_default();
+            next.clear();
+            let full = std::mem::replace(&mut batch, next);
+            if out.send(Parcel::Batch(full)).is_err() {
+                return ControlFlow::Break(());
             }
-            if batch.bytes.len() >= BATCH_BYTES {
-                let mut next = self.empty.try_recv().unwrap_or_default();
-                next.clear();
-                let full = std::mem::replace(&mut batch, next);
-                if self.out.send(Parcel::Batch(full)).is_err() {
-                    return;
-                }
-            }
-        };
-        let _ = self.out.send(Parcel::Batch(batch));
-        let _ = self.out.send(Parcel::End(ending));
-    }
+        }
+        ControlFlow::Continue(())
+    });
+    let _ = out.send(Parcel::Batch(batch));
+    let _ = out.send(Parcel::End(ended.map(|_| ())));
 }
 
 /// Whether a record says anything to a reader of samples.
@@ -194,7 +151,7 @@ fn wanted(opcode: u8, data: &[u8], unread: &mut BTreeSet<u16>) -> bool {
             channel.is_none_or(|channel| !unread.contains(&channel))
         }
         op::CHANNEL => {
-            if let Ok(Record::Channel(channel)) = crate::log::record::parse_record(opcode, data)
+            if let Ok(Record::Channel(channel)) = parse_record(opcode, data)
                 && Content::of_topic(&channel.topic).is_none()
             {
                 unread.insert(channel.id);
@@ -204,19 +161,4 @@ fn wanted(opcode: u8, data: &[u8], unread: &mut BTreeSet<u16>) -> bool {
         op::METADATA | op::DATA_END => true,
         _ => false,
     }
-}
-
-/// Gives the reader of records what it asks for.
-pub(super) fn fill(file: &mut impl Read, mcap: &mut LinearReader, bytes: usize) -> io::Result<()> {
-    // A wrong length in a damaged file must not become one large allocation.
-    let read = file.read(mcap.insert(bytes.clamp(1, READ_BYTES)))?;
-    mcap.notify_read(read);
-    Ok(())
-}
-
-/// What is read is checked before anything of it is used, and asks for no more memory than a log needs.
-pub(super) fn careful() -> LinearReaderOptions {
-    LinearReaderOptions::default()
-        .with_record_length_limit(RECORD_BYTES_MAX)
-        .with_prevalidate_chunk_crcs(true)
 }

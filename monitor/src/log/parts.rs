@@ -19,7 +19,7 @@ pub const LOG_FILE: &str = "run.mcap";
 const PARTS_MAX: u32 = 10_000;
 
 /// File name of a part, counted from 1.
-pub fn part_name(part: u32) -> String {
+fn part_name(part: u32) -> String {
     match part {
         0 | 1 => LOG_FILE.into(),
         part => format!("run-{part}.mcap"),
@@ -38,13 +38,9 @@ fn part_number(name: &str) -> Option<u32> {
 
 /// Numbers of the parts in a run directory, in order.
 fn parts_in(run_dir: &Path) -> Result<Vec<u32>, LogError> {
-    let failed = |source| LogError::File {
-        path: run_dir.into(),
-        source,
-    };
     let mut parts = Vec::new();
-    for entry in fs::read_dir(run_dir).map_err(failed)? {
-        let name = entry.map_err(failed)?.file_name();
+    for entry in fs::read_dir(run_dir).map_err(LogError::of_file(run_dir))? {
+        let name = entry.map_err(LogError::of_file(run_dir))?.file_name();
         parts.extend(name.to_str().and_then(part_number));
     }
     parts.sort_unstable();

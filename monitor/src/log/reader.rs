@@ -4,15 +4,16 @@
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::BufReader;
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
 use mcap::records::{Record, op};
-use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader};
 
 use super::codec::{Codec, Content, ENCAPSULATION};
 use super::error::LogError;
-use super::feed::{Batch, Ending, Feed, careful, fill};
+use super::feed::{Batch, Feed};
 use super::layout::Extent;
+use super::records::{Broken, Records, parse_record};
 use super::run_info::{END_RECORD, RUN_RECORD, RunEnd, RunInfo};
 use super::sample::Sample;
 use crate::digest::{self, ChannelHash};
@@ -46,7 +47,7 @@ pub struct Reader {
 /// Where the records come from.
 enum Source {
     /// Nobody has asked for a sample yet.
-    Opened(Box<LinearReader>, BufReader<File>),
+    Opened(Box<Records<BufReader<File>>>),
     /// From the thread that reads.
     Feed(Feed),
     /// They have all been taken.
@@ -70,50 +71,29 @@ impl Reader {
     /// # Errors
     /// The file cannot be opened, is no MCAP, or was not written by this product in a version that is understood.
     pub fn open(path: &Path) -> Result<Reader, LogError> {
-        let file = File::open(path).map_err(|source| LogError::File {
-            path: path.into(),
-            source,
-        })?;
-        let (mut mcap, mut file) = records_of(file);
+        let mut records = Records::open(path)?;
+        let found = records.each(|opcode, data| match parse_record(opcode, data) {
+            Ok(Record::Metadata(record)) if record.name == RUN_RECORD => {
+                ControlFlow::Break(Ok(record.metadata))
+            }
+            Ok(Record::Message { .. }) => ControlFlow::Break(Err(format!(
+                "is an MCAP log, but without metadata {RUN_RECORD} before its first message"
+            ))),
+            Ok(_) => ControlFlow::Continue(()),
+            Err(error) => ControlFlow::Break(Err(format!("is not an MCAP log: {error}"))),
+        });
         let not_a_log = |what: String| LogError::NotALog {
             path: path.into(),
             what,
         };
-        let metadata = loop {
-            let Some(event) = mcap.next_event() else {
-                return Err(LogError::Empty { path: path.into() });
-            };
-            let event = event.map_err(|error| match error {
-                mcap::McapError::UnexpectedEof => LogError::Empty { path: path.into() },
-                error => not_a_log(format!("is not an MCAP log: {error}")),
-            });
-            match event? {
-                LinearReadEvent::ReadRequest(bytes) => {
-                    fill(&mut file, &mut mcap, bytes).map_err(|source| LogError::File {
-                        path: path.into(),
-                        source,
-                    })?;
-                }
-                LinearReadEvent::Record { opcode, data } => {
-                    match crate::log::record::parse_record(opcode, data) {
-                        Ok(Record::Metadata(record)) if record.name == RUN_RECORD => {
-                            break record.metadata;
-                        }
-                        Ok(Record::Message { .. }) => {
-                            return Err(not_a_log(format!(
-                                "is an MCAP log, but without metadata {RUN_RECORD} before its first message"
-                            )));
-                        }
-                        Ok(_) => {}
-                        Err(e) => return Err(not_a_log(format!("is not an MCAP log: {e}"))),
-                    }
-                }
-            }
+        let metadata = match found.map_err(|broken| broken.of_file(path))? {
+            Some(found) => found.map_err(not_a_log)?,
+            None => return Err(LogError::Empty { path: path.into() }),
         };
         let (info, extent, scan_period_us) = RunInfo::from_record(metadata).map_err(not_a_log)?;
         Ok(Reader {
             path: path.into(),
-            source: Source::Opened(Box::new(mcap), file),
+            source: Source::Opened(Box::new(records)),
             batch: Batch::default(),
             codec: Codec::of(&extent),
             info,
@@ -127,7 +107,7 @@ impl Reader {
     }
 
     /// A message of this log as a sample; none if it does not fit.
-    pub(super) fn sample(&self, content: Content, message: &[u8]) -> Option<Sample> {
+    pub fn sample(&self, content: Content, message: &[u8]) -> Option<Sample> {
         self.codec
             .decode(content, message.strip_prefix(&ENCAPSULATION)?)
     }
@@ -140,11 +120,6 @@ impl Reader {
     /// Letters of the axes, in order.
     pub fn axes(&self) -> &[String] {
         &self.extent.axes
-    }
-
-    /// Instrument samples within a scan.
-    pub fn subsamples(&self) -> usize {
-        self.extent.subsamples
     }
 
     /// Scan period in µs.
@@ -212,14 +187,10 @@ impl Reader {
 
     /// Gets the next records, or learns how they end.
     fn next_batch(&mut self) -> Result<(), LogError> {
-        let failed = |path: &Path, source| LogError::File {
-            path: path.into(),
-            source,
-        };
         let source = std::mem::replace(&mut self.source, Source::Done);
         let mut feed = match source {
-            Source::Opened(mcap, file) => {
-                Feed::start(*mcap, file).map_err(|source| failed(&self.path, source))?
+            Source::Opened(records) => {
+                Feed::start(*records).map_err(LogError::of_file(&self.path))?
             }
             Source::Feed(feed) => feed,
             Source::Done => {
@@ -232,13 +203,13 @@ impl Reader {
                 self.batch = batch;
                 self.source = Source::Feed(feed);
             }
-            Err(Ending::Whole) => self.finish_reading(),
-            Err(Ending::Failed(source)) => return Err(failed(&self.path, source)),
-            Err(Ending::Cut(mcap::McapError::UnexpectedEof)) => {
+            Err(Ok(())) => self.finish_reading(),
+            Err(Err(Broken::Failed(source))) => return Err(LogError::of_file(&self.path)(source)),
+            Err(Err(Broken::Cut(mcap::McapError::UnexpectedEof))) => {
                 self.cut = Some("the file ends in the middle of a record".into());
                 self.finish_reading();
             }
-            Err(Ending::Cut(error)) => {
+            Err(Err(Broken::Cut(error))) => {
                 self.cut = Some(error.to_string());
                 self.finish_reading();
             }
@@ -252,47 +223,27 @@ impl Reader {
     }
 }
 
-fn records_of(file: File) -> (LinearReader, BufReader<File>) {
-    let file = BufReader::with_capacity(1 << 18, file);
-    (LinearReader::new_with_options(careful()), file)
-}
-
 /// Reads one part of a log, decompresses and checks it, and does nothing else: the floor of everything that reads it. Bytes of
 /// the file and of the records in it.
 ///
 /// # Errors
 /// The file cannot be read, or is damaged.
 pub fn read_only(path: &Path) -> Result<(u64, u64), LogError> {
-    let failed = |source| LogError::File {
-        path: path.into(),
-        source,
-    };
-    let file = File::open(path).map_err(failed)?;
-    let file_bytes = file.metadata().map_err(failed)?.len();
-    let (mut mcap, mut file) = records_of(file);
+    let mut records = Records::open(path)?;
     let mut record_bytes = 0;
-    while let Some(event) = mcap.next_event() {
-        match event {
-            Ok(LinearReadEvent::ReadRequest(bytes)) => {
-                fill(&mut file, &mut mcap, bytes).map_err(failed)?;
-            }
-            Ok(LinearReadEvent::Record { data, .. }) => record_bytes += data.len() as u64,
-            Err(error) => {
-                return Err(LogError::NotALog {
-                    path: path.into(),
-                    what: error.to_string(),
-                });
-            }
-        }
-    }
-    Ok((file_bytes, record_bytes))
+    let whole = records.each(|_, data| {
+        record_bytes += data.len() as u64;
+        ControlFlow::<()>::Continue(())
+    });
+    whole.map_err(|broken| broken.of_file(path))?;
+    let file = path.metadata().map_err(LogError::of_file(path))?;
+    Ok((file.len(), record_bytes))
 }
 
 /// A record; of a message only what is needed of it, because that is what a log consists of.
 fn record_of(opcode: u8, data: &[u8]) -> Result<Parsed<'_>, String> {
     if opcode != op::MESSAGE {
-        let record =
-            crate::log::record::parse_record(opcode, data).map_err(|error| error.to_string())?;
+        let record = parse_record(opcode, data).map_err(|error| error.to_string())?;
         return Ok(Parsed::Other(record));
     }
     let message = data.split_at_checked(MESSAGE_HEADER_BYTES);

@@ -81,7 +81,7 @@ impl Recorder {
     /// Begins the log of a run, or its next part if an earlier recorder left one: nothing is written over.
     ///
     /// # Errors
-    /// As [`Recorder::create`].
+    /// The file cannot be created or written.
     pub fn create_part(
         run_dir: &Path,
         machine: &Machine,
@@ -93,49 +93,44 @@ impl Recorder {
             let settings = &mut info.to_mut().settings;
             settings.insert("part".into(), part.to_string());
         }
-        Self::begin(&path, file, machine, &info, CHUNK_BYTES).map_err(|source| LogError::Write {
-            path: path.clone(),
-            source,
-        })
+        Self::begin(&path, file, machine, &info, CHUNK_BYTES)
     }
 
     /// Begins a log at `path`, replacing what is there.
     ///
     /// # Errors
     /// The file cannot be created or written.
+    #[cfg(test)]
     pub fn create(path: &Path, machine: &Machine, info: &RunInfo) -> Result<Recorder, LogError> {
-        let file = File::create(path).map_err(|source| LogError::File {
-            path: path.into(),
-            source,
-        })?;
-        Self::begin(path, file, machine, info, CHUNK_BYTES).map_err(|source| LogError::Write {
-            path: path.into(),
-            source,
-        })
+        let file = File::create(path).map_err(LogError::of_file(path))?;
+        Self::begin(path, file, machine, info, CHUNK_BYTES)
     }
 
     /// Begins a small log at `path`, where nothing may be yet.
     ///
     /// # Errors
-    /// As [`Recorder::create`], or something is there.
+    /// The file cannot be created or written, or something is there.
     pub fn create_new(
         path: &Path,
         machine: &Machine,
         info: &RunInfo,
     ) -> Result<Recorder, LogError> {
-        let file = File::create_new(path).map_err(|source| LogError::File {
-            path: path.into(),
-            source,
-        })?;
-        Self::begin(path, file, machine, info, SMALL_CHUNK_BYTES).map_err(|source| {
-            LogError::Write {
-                path: path.into(),
-                source,
-            }
-        })
+        let file = File::create_new(path).map_err(LogError::of_file(path))?;
+        Self::begin(path, file, machine, info, SMALL_CHUNK_BYTES)
     }
 
     fn begin(
+        path: &Path,
+        file: File,
+        machine: &Machine,
+        info: &RunInfo,
+        chunk_bytes: u64,
+    ) -> Result<Recorder, LogError> {
+        let begun = Self::write_beginning(path, file, machine, info, chunk_bytes);
+        begun.map_err(LogError::of_writer(path))
+    }
+
+    fn write_beginning(
         path: &Path,
         file: File,
         machine: &Machine,
@@ -283,10 +278,8 @@ impl Recorder {
         }
         let layout = Layout::of::<AxisCommand>(&self.extent);
         let made = channel(&mut self.writer, &format!("/command/{letter}/b"), layout);
-        self.channels.push(made.map_err(|source| LogError::Write {
-            path: self.path.clone(),
-            source,
-        })?);
+        self.channels
+            .push(made.map_err(LogError::of_writer(&self.path))?);
         Ok(*known.insert(self.channels.len() - 1))
     }
 
@@ -311,19 +304,15 @@ impl Recorder {
     }
 
     fn wait(&self) -> Result<(), LogError> {
-        self.written.wait().map_err(|source| LogError::File {
-            path: self.path.clone(),
-            source,
-        })
+        let written = self.written.wait();
+        written.map_err(LogError::of_file(&self.path))
     }
 
     /// Hands everything recorded so far over to be written.
     fn hand_over(&mut self) -> Result<(), LogError> {
         self.flushed = Instant::now();
-        self.writer.flush().map_err(|source| LogError::Write {
-            path: self.path.clone(),
-            source,
-        })
+        let flushed = self.writer.flush();
+        flushed.map_err(LogError::of_writer(&self.path))
     }
 
     /// The digest of everything recorded so far, in hexadecimal.
@@ -347,10 +336,7 @@ impl Recorder {
             .writer
             .write_metadata(&end.to_record(&digest))
             .and_then(|()| self.writer.finish());
-        ended.map_err(|source| LogError::Write {
-            path: self.path.clone(),
-            source,
-        })?;
+        ended.map_err(LogError::of_writer(&self.path))?;
         self.wait()?;
         Ok(digest)
     }
@@ -374,12 +360,8 @@ impl Recorder {
             publish_time: time_ns,
         };
         channel.sequence = channel.sequence.wrapping_add(1);
-        self.writer
-            .write_to_known_channel(&header, &self.message)
-            .map_err(|source| LogError::Write {
-                path: self.path.clone(),
-                source,
-            })
+        let sent = self.writer.write_to_known_channel(&header, &self.message);
+        sent.map_err(LogError::of_writer(&self.path))
     }
 
     fn put_setpoints(&mut self) -> Result<(), LogError> {

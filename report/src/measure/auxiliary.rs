@@ -2,7 +2,7 @@
 
 use bus::sample::{Auxiliaries, Feedback, Inputs};
 
-use monitor::auxiliary::{changes, switched};
+use crate::auxiliary::{changes, switched};
 
 /// Events that are kept.
 const EVENTS_MAX: usize = 1000;

@@ -22,7 +22,7 @@ pub use profile::{Profile, Reading};
 
 use super::arc::plots::{PLOTS_MAX, in_one_plot, shown};
 use super::arc::{ArcResult, Circle};
-use monitor::turns::window_rad;
+use crate::turns::window_rad;
 
 /// Circles that are kept: as many as are drawn.
 const CIRCLES_MAX: usize = PLOTS_MAX;

@@ -27,8 +27,8 @@ use path::geometry::{AxisVector, MAX_AXES};
 use path::kinematics::Kinematics;
 use serde::Serialize;
 
-use monitor::contour::Nearest;
-use monitor::turns::{Turns, WINDOW_S};
+use crate::contour::Nearest;
+use crate::turns::{Turns, WINDOW_S};
 
 /// Travel behind a reversal up to which friction turns round, in mm: beyond every presliding distance.
 const WINDOW_MM: f64 = 0.1;

@@ -5,7 +5,7 @@ use machine::{Machine, ReversalMethod};
 use path::geometry::{Feed, Path, Shape};
 
 use super::arc::{ArcResult, Quadrant};
-use monitor::turns::Turns;
+use crate::turns::Turns;
 
 /// Longest time by which a friction pulse may come after the reversal it belongs to, in s.
 const PULSE_LATE_S: f64 = 0.1;

@@ -4,7 +4,7 @@ use bus::sample::PathTag;
 use path::geometry::{AxisVector, Path};
 use program::Along;
 
-use monitor::contour::{self, Nearest};
+use crate::contour::{self, Nearest};
 
 /// The path of the program that ran.
 #[derive(Debug)]

@@ -4,8 +4,8 @@ use std::collections::VecDeque;
 
 use bus::sample::{AxisCommand, AxisFeedback, Redundancy, Reference};
 use machine::{Axis, TURN_DEG};
-use monitor::turns::Turns;
 use remote::wire::CommandState;
+use report::turns::Turns;
 
 /// Looks that the history holds: 24 s.
 const HISTORY: usize = 240;

@@ -138,10 +138,10 @@ impl Events {
             );
             self.note(now.scan, Weight::Note, text);
         }
-        for change in monitor::auxiliary::switched(&before.inputs, &now.inputs) {
+        for change in report::auxiliary::switched(&before.inputs, &now.inputs) {
             self.note(now.scan, Weight::Note, change);
         }
-        for change in monitor::auxiliary::changes(&before.auxiliary, &now.auxiliary) {
+        for change in report::auxiliary::changes(&before.auxiliary, &now.auxiliary) {
             self.note(now.scan, Weight::Note, change);
         }
         if now.overrun_scans > before.overrun_scans {

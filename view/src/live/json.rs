@@ -438,7 +438,7 @@ fn message(said: &ProgramMessage) -> MessageOf<'_> {
 fn auxiliary(now: &Auxiliaries) -> AuxiliaryOf {
     let levels = &now.levels;
     AuxiliaryOf {
-        spindle: monitor::auxiliary::spindle(levels),
+        spindle: report::auxiliary::spindle(levels),
         spindle_command_rpm: rounded(levels.spindle_rpm, 3),
         spindle_rpm: rounded(now.spindle_rpm, 3),
         at_speed: now.at_speed == 1,
@@ -446,9 +446,9 @@ fn auxiliary(now: &Auxiliaries) -> AuxiliaryOf {
         flood: levels.coolant & FLOOD != 0,
         tool: now.tool,
         tool_prepared: levels.tool_prepared,
-        digital_outputs: monitor::auxiliary::digital_outputs(levels),
+        digital_outputs: report::auxiliary::digital_outputs(levels),
         analog_outputs: levels.analog,
-        waiting: monitor::auxiliary::waiting(now),
+        waiting: monitor::words::waiting(now),
         start_line: (now.start_line != 0).then_some(now.start_line),
         events_done: now.events_done,
         optional_stop: now.optional_stop == 1,

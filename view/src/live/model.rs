@@ -9,11 +9,11 @@ use bus::sample::{
     ProgramState, Roster, STANDBY_ALARM_S,
 };
 use machine::{GantryPair, Machine, Process};
-use monitor::contour;
 use path::geometry::{AxisVector, Element, Feed, Shape};
 use path::kinematics::Kinematics;
 use program::{Modal, Program};
 use remote::wire::ProcessState;
+use report::contour;
 
 use super::axis::AxisView;
 use super::circle::CircleView;

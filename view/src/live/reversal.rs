@@ -7,8 +7,8 @@
 
 use std::collections::VecDeque;
 
-use monitor::turns::{WINDOW_S, window_rad};
 use remote::wire::ReversalState;
+use report::turns::{WINDOW_S, window_rad};
 
 use super::axis::Turn;
 use super::track::{KEPT_SCANS, Track};

@@ -33,7 +33,7 @@ pub fn status(model: &Model) -> String {
         );
     }
     let auxiliary = model.feedback.as_ref().map(|feedback| feedback.auxiliary);
-    if let Some(words) = auxiliary.and_then(|now| monitor::auxiliary::summary(&now)) {
+    if let Some(words) = auxiliary.and_then(|now| report::auxiliary::summary(&now)) {
         let _ = write!(text, "\n  {words}");
     }
     if let Some(bus) = &model.bus {

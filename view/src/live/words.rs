@@ -217,13 +217,13 @@ fn program_stop(auxiliary: &Auxiliaries) -> Option<Says> {
         ),
         _ => ("PROGRAM STOP", IN_HOLD),
     };
-    let detail = monitor::auxiliary::waiting(auxiliary).unwrap_or_default();
+    let detail = monitor::words::waiting(auxiliary).unwrap_or_default();
     let detail = format!("waits for {detail}");
     Some(Says::new("‖", state, Tone::Waits, &detail, next))
 }
 
 fn enabled(feedback: &Feedback, machine: &Machine) -> Says {
-    let waiting = monitor::auxiliary::waiting(&feedback.auxiliary);
+    let waiting = monitor::words::waiting(&feedback.auxiliary);
     if let Some(stop) = program_stop(&feedback.auxiliary).filter(|_| feedback.hold == 1) {
         return stop;
     }

@@ -3,14 +3,14 @@
 //! Curves are drawn in braille dots, two by four to a character, neighbouring scans joined; what was not seen is a gap. The
 //! dotted line is the trigger.
 
-use monitor::scope::signal::Signal;
-use monitor::scope::{Capture, Row};
 use ratatui::buffer::Buffer;
 use ratatui::layout::Rect;
 use ratatui::style::{Color, Style};
 use ratatui::symbols::Marker;
 use ratatui::widgets::Widget;
 use ratatui::widgets::canvas::{Canvas, Line};
+use report::scope::signal::Signal;
+use report::scope::{Capture, Row};
 
 use crate::drawing::text_of;
 

@@ -8,7 +8,7 @@ use bus::observer::{Held, Observer};
 use bus::service::RECORDER_DEPTH_SCANS;
 use machine::Machine;
 use monitor::log::Sample;
-use monitor::scope::Scope;
+use report::scope::Scope;
 
 use super::path::{Paths, Text, Wanted};
 use super::source::Source;

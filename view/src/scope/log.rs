@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, anyhow};
 use machine::Machine;
 use monitor::log::{LogError, Reader, RunLog, Sample, attached_files, part_files};
-use monitor::scope::Scope;
+use report::scope::Scope;
 
 use super::path::{Paths, Text, Wanted};
 use super::source::Source;

@@ -1,6 +1,6 @@
 //! `quadrant scope`: signals around a trigger, from a running cell or from a log.
 //!
-//! What is shown and when is decided in [`monitor::scope`], the same for both; here are its two sources, `live` and `log`, the
+//! What is shown and when is decided in [`report::scope`], the same for both; here are its two sources, `live` and `log`, the
 //! `path` of the program for those who need it, and where captures go: files, or a `chart` in the terminal.
 
 mod chart;
@@ -16,9 +16,9 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, anyhow};
 use machine::Machine;
-use monitor::scope::signal::Signal;
-use monitor::scope::trigger::Trigger;
-use monitor::scope::{Capture, Scope, Settings, csv};
+use report::scope::signal::Signal;
+use report::scope::trigger::Trigger;
+use report::scope::{Capture, Scope, Settings, csv};
 
 use crate::options::ScopeOptions;
 use console::exit::{Failure, Kind, Outcome};

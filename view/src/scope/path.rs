@@ -5,10 +5,10 @@ use std::path::PathBuf;
 use anyhow::anyhow;
 use bus::sample::Feedback;
 use machine::Machine;
-use monitor::scope::signal::KnownPath;
-use monitor::scope::trigger::Trigger;
-use monitor::scope::{Scope, Settings};
 use program::{Program, SHORT_ELEMENTS};
+use report::scope::signal::KnownPath;
+use report::scope::trigger::Trigger;
+use report::scope::{Scope, Settings};
 
 use console::exit::Failure;
 

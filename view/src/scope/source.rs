@@ -2,7 +2,7 @@
 
 use console::exit::Failure;
 use machine::Machine;
-use monitor::scope::Scope;
+use report::scope::Scope;
 
 use super::path::Wanted;
 

@@ -7,7 +7,7 @@ use super::result::{ArcResult, CurvePoint, Deviations, Quadrant};
 use super::runs::Run;
 use crate::measure::ball_bar::BallBarMeter;
 use crate::measure::fit::Fit;
-use monitor::turns::window_rad;
+use crate::turns::window_rad;
 
 /// Share of the highest path speed from which motion counts as steady.
 const STEADY_SHARE: f64 = 0.99;

@@ -32,10 +32,10 @@ pub fn draw(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
                 palette.warn(),
             ));
         }
-        if let Some(words) = monitor::auxiliary::panel(&feedback.inputs) {
+        if let Some(words) = report::auxiliary::panel(&feedback.inputs) {
             first.push(Span::styled(format!("  {words}"), palette.warn()));
         }
-        if let Some(words) = monitor::auxiliary::summary(&feedback.auxiliary) {
+        if let Some(words) = report::auxiliary::summary(&feedback.auxiliary) {
             first.push(Span::styled(format!("  {words}"), palette.quiet()));
         }
         if let Some(words) = model.bus.as_ref().and_then(BusView::alarm) {

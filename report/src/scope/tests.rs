@@ -8,8 +8,8 @@ use path::geometry::{AxisVector, Element, Feed, Path};
 use super::signal::{KnownPath, Signal};
 use super::trigger::{Side, Trigger};
 use super::*;
-use crate::log::Sample;
 use crate::test_support::machine;
+use monitor::log::Sample;
 
 /// What the synthetic machine does in a scan: edited by each test.
 struct Scan {

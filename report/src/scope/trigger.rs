@@ -25,9 +25,9 @@ use machine::{Machine, Process};
 use super::error::ScopeError;
 use super::signal::{Eyes, Signal};
 use crate::align::ScanSet;
-use crate::deaths::Deaths;
 use crate::turns::Turns;
-use crate::words::StopCause;
+use monitor::deaths::Deaths;
+use monitor::words::StopCause;
 
 /// Which side of a threshold.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -2,10 +2,8 @@
 
 use bus::sample::{
     ANALOG_OUTPUTS, Auxiliaries, DIGITAL_OUTPUTS, FLOOD, Inputs, Levels, MIST, SpindleCommand,
-    Waiting,
 };
-
-use crate::words::shown;
+use monitor::words::{rev_min, shown, waiting};
 
 /// The coolant that is on.
 pub fn coolant(levels: &Levels) -> &'static str {
@@ -39,33 +37,6 @@ pub fn spindle(levels: &Levels) -> String {
             format!("{} {way}", rev_min(levels.spindle_rpm))
         }
     }
-}
-
-/// A speed of the spindle, whatever its direction.
-fn rev_min(speed_rpm: f64) -> String {
-    format!("{} rev/min", shown(speed_rpm.abs(), 1))
-}
-
-/// What is waited for and for which line; none if nothing is.
-pub fn waiting(auxiliary: &Auxiliaries) -> Option<String> {
-    let waiting = Waiting::from_wire(auxiliary.waiting)?;
-    let tool = auxiliary.levels.tool;
-    let what = match waiting {
-        Waiting::None => return None,
-        Waiting::SpindleSpeed => format!(
-            "{}: {:.0} of {}",
-            waiting.words(),
-            auxiliary.spindle_rpm.abs(),
-            rev_min(auxiliary.levels.spindle_rpm)
-        ),
-        Waiting::ToolChange => format!("{}: tool {tool}", waiting.words()),
-        Waiting::ToolByOperator => format!("the operator to put in tool {tool}"),
-        _ => waiting.words().into(),
-    };
-    Some(match auxiliary.line {
-        0 => what,
-        line => format!("{what}, line {line}"),
-    })
 }
 
 /// What is on, in a few words; none if nothing is and nothing was.
@@ -199,6 +170,8 @@ pub fn changes(before: &Auxiliaries, now: &Auxiliaries) -> Vec<String> {
 
 #[cfg(test)]
 mod tests {
+    use bus::sample::Waiting;
+
     use super::*;
 
     #[test]

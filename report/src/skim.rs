@@ -7,18 +7,13 @@
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{BufReader, Read, Seek, SeekFrom};
+use std::ops::ControlFlow;
 use std::path::Path;
 
 use bus::sample::{Answer, AnswerOutcome, Cause, Feedback, MAX_AXES, Roster};
 use mcap::records::{Record, op};
-use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader};
-
-use super::codec::Content;
-use super::error::LogError;
-use super::feed::{careful, fill};
-use super::parts::part_files;
-use super::reader::Reader;
-use super::sample::Sample;
+use monitor::log::records::{Records, parse_record};
+use monitor::log::{Content, LogError, Reader, Sample, part_files};
 
 /// Kind and length of a record.
 const RECORD_HEAD_BYTES: u64 = 1 + 8;
@@ -218,21 +213,15 @@ impl Look<'_> {
         length: u64,
         take: &mut impl FnMut(Sample),
     ) -> Option<()> {
-        let mut chunk = file.take(length.saturating_add(RECORD_HEAD_BYTES));
-        let options = careful()
-            .with_skip_start_magic(true)
-            .with_skip_end_magic(true);
-        let mut mcap = LinearReader::new_with_options(options);
-        while let Some(event) = mcap.next_event() {
-            match event.ok()? {
-                LinearReadEvent::ReadRequest(bytes) => fill(&mut chunk, &mut mcap, bytes).ok()?,
-                LinearReadEvent::Record { opcode, data } => {
-                    let record = crate::log::record::parse_record(opcode, data).ok()?;
-                    self.take_record(record, take)?;
-                }
+        let chunk = file.take(length.saturating_add(RECORD_HEAD_BYTES));
+        let stopped = Records::of_chunk(chunk).each(|opcode, data| {
+            let record = parse_record(opcode, data).ok();
+            match record.and_then(|record| self.take_record(record, take)) {
+                Some(()) => ControlFlow::Continue(()),
+                None => ControlFlow::Break(()),
             }
-        }
-        Some(())
+        });
+        stopped.is_ok_and(|stopped| stopped.is_none()).then_some(())
     }
 
     fn take_record(&mut self, record: Record<'_>, take: &mut impl FnMut(Sample)) -> Option<()> {
@@ -257,3 +246,6 @@ impl Look<'_> {
         Some(())
     }
 }
+
+#[cfg(test)]
+mod tests;

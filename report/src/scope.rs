@@ -17,8 +17,8 @@ use std::collections::VecDeque;
 use machine::Machine;
 
 use crate::align::{Aligner, ScanSet};
-use crate::log::Sample;
 pub use error::ScopeError;
+use monitor::log::Sample;
 use signal::{Eyes, KnownPath, Signal};
 use trigger::{Fired, Trigger, Watch};
 
