@@ -4,8 +4,8 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
 use crate::flow::{ARGUMENTS_MAX, Keyword, shown_flow};
-use crate::interpreter::state::SavedModes;
 use crate::source::Spot;
+use crate::state::SavedModes;
 
 /// What a loop does at its end.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]

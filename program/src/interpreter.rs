@@ -23,13 +23,13 @@ use crate::reader::{CommentKind, Line};
 use crate::refusal::{Refusal, if_none, refuse};
 use crate::snapshot;
 use crate::splines::{Spline, SplineState};
+use crate::state::{
+    Carried, FeedMode, FeedWord, Happening, InSpindle, ModalState, Motion, Spindle, plane_of_code,
+};
 use crate::straight::{Axes, TRAVEL_ROUNDING};
 use crate::surface::{FeedPerTurn, SurfaceSpeed};
 use crate::threading::InStep;
 use crate::words::{Group, Words};
-use state::{
-    Carried, FeedMode, FeedWord, Happening, InSpindle, ModalState, Motion, Spindle, plane_of_code,
-};
 
 mod arcs;
 mod beside;
@@ -45,7 +45,6 @@ mod path_mode;
 mod questions;
 mod say;
 mod splines;
-pub mod state;
 mod straight;
 mod surface;
 mod threads;

@@ -102,6 +102,7 @@ mod setup;
 mod snapshot;
 mod source;
 mod splines;
+mod state;
 mod straight;
 mod surface;
 mod text;

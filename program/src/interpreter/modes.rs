@@ -1,10 +1,10 @@
 //! The modes that a block sets, and those that M70 to M73 save and restore.
 
 use super::*;
+use crate::state::SavedModes;
 use crate::words::{READ_BY, group_of, mode_words};
 use machine::MODES_OF_END;
 use machine::offsets_file::WORK_OFFSETS;
-use state::SavedModes;
 
 /// The longest dwell, in s: more than a day.
 const DWELL_MAX_S: f64 = 100_000.0;
