@@ -21,11 +21,6 @@ use crate::segment::{Acceleration, Segment};
 
 use crate::sharing::{PlanLimits, Sharing};
 
-#[expect(
-    clippy::indexing_slicing,
-    reason = "each index counts the axes of arrays that have MAX_AXES"
-)]
-
 /// Share of an axis' acceleration that crossings of junctions may use; the rest changes the speed meanwhile.
 const JUNCTION_SHARE: f64 = 0.7;
 /// Share that junctions on or beside an arc and the arc itself may use together.

@@ -1,5 +1,10 @@
 //! What the axes bear on one element.
 
+#![expect(
+    clippy::indexing_slicing,
+    reason = "each index counts the axes of arrays that have MAX_AXES"
+)]
+
 use crate::axis_rates::AxisRates;
 use crate::geometry::{AxisVector, CubicPiece, Element, MAX_AXES, Shape};
 use crate::kinematics::Kinematics;
