@@ -1,11 +1,9 @@
 //! Spindle, coolant, outputs, tool changes and stops happen where the program says, once, whoever is killed meanwhile.
 
-mod common;
-
 use std::fmt::Write as _;
 
+use crate::common::{AT_SPEED_SHARE, kill, load, mill_with_spindle, order, seeds};
 use bus::sample::{Cause, FLOOD, Feedback, Levels, MIST, Mode, Order, SpindleCommand, Waiting};
-use common::{AT_SPEED_SHARE, kill, load, mill_with_spindle, order, seeds};
 use lab::cell::{InProcessCell, Script};
 use lab::invariants::{Course, Judge};
 use machine::{KeptParameters, Machine, ToolChanger};

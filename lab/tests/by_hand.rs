@@ -1,16 +1,14 @@
 //! Motions by hand are exact: at rest the command is where it was, and the increments that were carried out, to the increment; whatever
 //! comes between.
 
-mod common;
-#[path = "by_hand/meanwhile.rs"]
 mod meanwhile;
 
 use std::collections::BTreeMap;
 
+use crate::common::{self, staying::Cell};
 use bus::sample::{
     Cause, Driver, Feedback, HandCourse, Job, MAX_AXES, Mode, OperatorRequest, Order, Refused,
 };
-use common::staying::Cell;
 
 use machine::{DriveMode, Machine, PositionFeedback};
 use master::Drives;

@@ -1,11 +1,9 @@
 //! A continuous jog moves an axis as long as somebody renews its order, and no longer; the emergency stop ends it and everything else.
 
-mod common;
-
 use std::path::Path;
 
+use crate::common::kill;
 use bus::sample::{Cause, Feedback, Mode, OperatorRequest, OperatorResponse, Order, Refused};
-use common::kill;
 use lab::cell::{InProcessCell, Script};
 use machine::Machine;
 use plant_sim::plant_file::PlantFile;

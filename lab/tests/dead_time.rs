@@ -1,7 +1,7 @@
 //! A circle over drives whose commands act 1, 2 or 4 scans after the feedback that they answer, with the loops that the laws of
 //! `quadrant tune` give for that, and with loops that reckon with one scan all the same.
 //!
-//! `cargo test --release -p lab --test dead_time -- --nocapture` prints the table of docs/developers/measurements.md.
+//! `cargo test --release -p lab --test all dead_time:: -- --nocapture` prints the table of docs/developers/measurements.md.
 
 use std::path::Path;
 

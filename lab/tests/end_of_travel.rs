@@ -1,10 +1,8 @@
 //! At both ends of the travel of every axis: no motion goes farther out, every motion goes in, and an axis that stands a little beyond
 //! the end, as far as one in position may be off, is no reason to refuse anything.
 
-mod common;
-
+use crate::common::load;
 use bus::sample::{Feedback, MAX_AXES, Mode, OperatorRequest, OperatorResponse, Order, Refused};
-use common::load;
 use lab::cell::InProcessCell;
 use machine::Machine;
 use path::kinematics::Kinematics;

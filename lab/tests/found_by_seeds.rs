@@ -1,11 +1,9 @@
 //! What seeds of `quadrant-lab bench faults` have found, each in its smallest form.
 
-mod common;
-
 use std::path::Path;
 
+use crate::common::kill;
 use bus::sample::{Cause, Mode, Redundancy};
-use common::kill;
 use lab::cell::{InProcessCell, Script};
 use lab::invariants::{Course, Judge, Shown, Violation};
 use lab::liveness::Liveness;

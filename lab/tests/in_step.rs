@@ -1,11 +1,9 @@
 //! Threads, taps and cutting speeds on a spindle that yields to its load: how far off they are, whoever is killed meanwhile.
 
-mod common;
-
 use std::path::Path;
 
+use crate::common::{kill, order, seeds};
 use bus::sample::{Cause, Feedback, Mode, Order, Refused};
-use common::{kill, order, seeds};
 use lab::cell::{InProcessCell, Script};
 use lab::invariants::{Course, Judge};
 use machine::Machine;

@@ -1,13 +1,11 @@
 //! Homing that is interrupted: whatever comes, in whatever step of whichever homing, the machine can be enabled and homed again, or
 //! ends. Master, servos and simulated drives are driven scan by scan, and copied where a run is to be interrupted.
 
-mod common;
-
 use std::collections::BTreeSet;
 use std::fmt;
 
+use crate::common::{self, staying::Cell};
 use bus::sample::{Cause, Job, Mode, Order, ProgramState, Reference, Refused};
-use common::staying::Cell;
 use machine::Machine;
 use master::Drives;
 use plant_sim::plant_file::PlantFile;

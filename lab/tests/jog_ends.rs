@@ -1,10 +1,8 @@
 //! How motions by hand end before they are done: cut short by an order, whose answer says where the axis will stand; by the probe; or
 //! not renewed.
 
-mod common;
-
+use crate::common::{self, staying::Cell};
 use bus::sample::{Cause, MAX_AXES, Mode, OperatorRequest, OperatorResponse, Order, Refused};
-use common::staying::Cell;
 use machine::Machine;
 use plant_sim::plant_file::{PlantFile, PlantPlane, PlantProbe};
 use plant_sim::script::rng::Rng;

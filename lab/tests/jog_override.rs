@@ -1,9 +1,7 @@
 //! The override of jogs: at once, exact, within what each axis may do.
 
-mod common;
-
+use crate::common::{self, staying::Cell};
 use bus::sample::{Cause, MAX_AXES, Mode, OperatorRequest, Order, Refused};
-use common::staying::Cell;
 use machine::Machine;
 use plant_sim::plant_file::PlantFile;
 use plant_sim::script::rng::Rng;

@@ -1,10 +1,8 @@
 //! Scans that the servos of an axis do not see, or whose commands do not come: what they feed forward in the scans behind is what an undisturbed
 //! run feeds forward there, wherever the scans lie within a period and between two windows.
 
-mod common;
-
+use crate::common::load;
 use bus::sample::AxisCommand;
-use common::load;
 use lab::cell::{InProcessCell, Script};
 use machine::Machine;
 use plant_sim::plant_file::PlantFile;

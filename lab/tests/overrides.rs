@@ -1,11 +1,9 @@
 //! Overrides of feeds and of rapids, each of its own kind.
 
-mod common;
-
 use std::path::Path;
 
+use crate::common::order;
 use bus::sample::{Feedback, Mode, Order, Refused};
-use common::order;
 use lab::cell::InProcessCell;
 use machine::Machine;
 use plant_sim::plant_file::PlantFile;

@@ -1,14 +1,12 @@
 //! What a program asks the machine: where a probe trips, what an input shows; whoever is killed meanwhile.
 
-mod common;
-
 use std::fmt::Write as _;
 use std::path::Path;
 
+use crate::common::{kill, seeds};
 use bus::sample::{
     AnswerOutcome, Cause, Feedback, Instruments, MAX_AXES, Mode, OperatorRequest, Order, Waiting,
 };
-use common::{kill, seeds};
 use lab::cell::{InProcessCell, Script};
 use machine::{Machine, PositionFeedback};
 use plant_sim::plant_file::{PlantFile, PlantInput, PlantPlane, PlantProbe};

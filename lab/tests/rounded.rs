@@ -1,12 +1,10 @@
 //! Paths rounded by G64, in cells whose processes are killed: never off the rounded path, never over a limit, always to the end.
 
-mod common;
-
 use std::fmt::Write as _;
 use std::path::Path;
 
+use crate::common::{kill, seeds};
 use bus::sample::{Feedback, Mode};
-use common::{kill, seeds};
 use lab::cell::{InProcessCell, Script};
 use lab::faceted;
 use lab::invariants::{Course, Judge};
@@ -129,7 +127,7 @@ fn kills_leave_the_tool_on_its_path(machine: &Machine, plant: &PlantFile) {
     );
 }
 
-/// `cargo test --release -p lab --test rounded -- --ignored --nocapture` prints the table of docs/developers/measurements.md.
+/// `cargo test --release -p lab --test all faceted -- --ignored --nocapture` prints the table of docs/developers/measurements.md.
 #[test]
 #[ignore = "prints a table"]
 fn times_of_faceted_curves() {
@@ -183,7 +181,7 @@ fn over_bound(machine: &Machine, text: &str) -> Option<(f64, f64)> {
     (least_s > 0.0).then(|| (time_s, time_s / least_s))
 }
 
-/// `PROGRAMS=folder MACHINE=xyz-mill cargo test --release -p lab --test rounded bound -- --ignored --nocapture`.
+/// `PROGRAMS=folder MACHINE=xyz-mill cargo test --release -p lab --test all their_bound -- --ignored --nocapture`.
 #[test]
 #[ignore = "prints a table"]
 fn times_over_their_bound() {

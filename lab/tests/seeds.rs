@@ -1,11 +1,11 @@
-//! Seeds of `quadrant-lab bench faults`, a few in each run of the tests; more with `SEEDS=5000 cargo test -p lab --test seeds`, one and
+//! Seeds of `quadrant-lab bench faults`, a few in each run of the tests; more with `SEEDS=5000 cargo test -p lab --test all seeds::`, one and
 //! all of it with `FROM=17 SEEDS=1 VERBOSE=1`.
-
-mod common;
 
 use std::path::PathBuf;
 
 use lab::options::FaultsOptions;
+
+use crate::common;
 
 #[test]
 fn no_seed_violates_an_invariant_or_hangs() {

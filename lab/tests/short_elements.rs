@@ -1,12 +1,10 @@
 //! Programs of elements of any length, many more than are read ahead, in a whole cell: they begin at once, go on without a stop that the program does not
 //! ask for, and take the time that was known before.
 
-mod common;
-
 use std::fmt::Write as _;
 
+use crate::common::{load, seeds};
 use bus::sample::{Mode, PathTag};
-use common::{load, seeds};
 use lab::cell::InProcessCell;
 use lab::invariants::{Course, Judge};
 use machine::Machine;

@@ -1,7 +1,5 @@
 //! A servo that falls silent or dies without a standby, at any speed and place: the tool comes to rest on the path.
 
-mod common;
-
 use std::fmt::Write as _;
 use std::path::Path;
 
@@ -12,6 +10,8 @@ use machine::{Axis, DriveMode, Machine};
 use plant_sim::plant_file::PlantFile;
 use plant_sim::script::faults;
 use plant_sim::script::rng::Rng;
+
+use crate::common;
 
 const MACHINES: [&str; 5] = ["xy", "xy-fast", "xy-torque", "xyz-mill", POSITION];
 /// A machine whose drives close the position loop; the others are folders.

@@ -1,9 +1,7 @@
 //! Block by block: the machine rests behind each block, once, whoever is killed meanwhile.
 
-mod common;
-
+use crate::common::{going_on, kill, load, order, waited};
 use bus::sample::{Feedback, Mode, Order, Waiting};
-use common::{going_on, kill, load, order, waited};
 use lab::cell::{InProcessCell, Script};
 use machine::Machine;
 use plant_sim::plant_file::PlantFile;

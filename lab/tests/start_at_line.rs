@@ -1,10 +1,8 @@
 //! Start at a line: levels as the blocks before it leave them, an approach over the workpiece, and the path from there, whoever is
 //! killed meanwhile.
 
-mod common;
-
+use crate::common::{going_on, kill, mill_with_spindle, number, order, waited};
 use bus::sample::{Feedback, Levels, Mode, Order, PathTag};
-use common::{going_on, kill, mill_with_spindle, number, order, waited};
 use lab::cell::{InProcessCell, Script};
 use lab::invariants::Course;
 use machine::Machine;

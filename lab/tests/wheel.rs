@@ -1,9 +1,7 @@
 //! An axis follows the running count of a wheel: what was counted is where it stands, whatever comes twice, late, or not at all.
 
-mod common;
-
+use crate::common::{self, staying::Cell};
 use bus::sample::{Cause, Job, MAX_AXES, Mode, OperatorRequest, OperatorResponse, Order, Refused};
-use common::staying::Cell;
 use machine::Machine;
 use plant_sim::plant_file::PlantFile;
 use plant_sim::script::rng::Rng;

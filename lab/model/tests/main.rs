@@ -1,0 +1,4 @@
+//! Every order of events, in a small cell and on the signal page.
+
+mod exhaustive;
+mod page;

@@ -1,0 +1,35 @@
+//! Whole cells in one process and, in `processes`, by the lab's own command.
+
+// Shared with the tests of the cell.
+#[allow(dead_code)]
+#[path = "../../tests/support.rs"]
+mod support;
+
+mod auxiliary;
+mod by_hand;
+mod common;
+mod continuous_jog;
+mod dead_time;
+mod end_of_travel;
+mod found_by_seeds;
+mod homing;
+mod in_step;
+mod interrupted_homing;
+mod jog_ends;
+mod jog_override;
+mod linuxcnc;
+mod manual_motion;
+mod missed_scans;
+mod new_machines;
+mod overrides;
+mod processes;
+mod questions;
+mod rounded;
+mod seeds;
+mod short_elements;
+mod silent_servo;
+mod single_block;
+mod spoilt_samples;
+mod start_at_line;
+mod time_optimal;
+mod wheel;
