@@ -140,6 +140,52 @@ fn cargo_run_means_quadrant() {
     assert_eq!(default_runs.collect::<Vec<_>>(), ["quadrant"]);
 }
 
+/// Languages of a fenced block that rustdoc builds and runs.
+const RUNS: [&str; 4] = ["", "rust", "no_run", "should_panic"];
+
+/// Whether a source has a fenced block that rustdoc runs.
+fn has_example(text: &str) -> bool {
+    let lines = text.lines().map(str::trim_start);
+    let fences = lines.filter_map(|line| {
+        line.strip_prefix("//")?
+            .trim_start_matches(['/', '!', ' '])
+            .strip_prefix("```")
+    });
+    // Each second one closes what the one before opened.
+    fences
+        .step_by(2)
+        .any(|language| RUNS.contains(&language.trim()))
+}
+
+/// Test executables and runs of rustdoc that would be empty are switched off in the manifests: nothing there is left out unseen.
+#[test]
+fn a_target_whose_tests_are_switched_off_has_none() {
+    for package in metadata() {
+        for target in package["targets"].as_array().expect("targets") {
+            let main = PathBuf::from(target["src_path"].as_str().expect("a path"));
+            let is_lib = target["kind"][0] == "lib";
+            let of_lib = |path: &Path| path.file_name() != Some("main.rs".as_ref());
+            let folder = main.parent().expect("a folder");
+            if !folder.ends_with("src") {
+                continue;
+            }
+            let all = sources(folder);
+            let own = all
+                .iter()
+                .filter(|(path, _)| *path == main || is_lib && of_lib(path));
+            for (path, text) in own {
+                let path = path.display();
+                let has_tests = text.contains("#[test]") || text.contains("#[cfg(test)]");
+                assert!(target["test"] == true || !has_tests, "{path}");
+                assert!(
+                    !is_lib || target["doctest"] == true || !has_example(text),
+                    "{path}"
+                );
+            }
+        }
+    }
+}
+
 /// A cell stands without what asks and shows, and both without what breaks them.
 #[test]
 fn no_crate_of_the_cell_uses_the_desk_or_the_lab_and_none_of_the_desk_the_lab() {
