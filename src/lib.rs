@@ -7,6 +7,7 @@ mod reference;
 use bus::sample::Order;
 use console::exit::{Failure, Kind, Outcome};
 use launcher::desk::Desk;
+use launcher::options::RunOptions;
 use launcher::run::Injection;
 use launcher::{run, up};
 use prepare::{check, doctor, drive_files, plan};
@@ -29,25 +30,29 @@ fn start<T>(
     }))
 }
 
+/// Runs a program, as often as it is to be learnt from.
+fn run_passes(started: &cli::Started<RunOptions>, injection: Injection) -> Outcome {
+    let cli::Started { options, shown } = started;
+    for pass in 1..=options.passes {
+        let options = options.of_pass(pass);
+        let completed = start(shown, |desk| run::run(&options, injection, desk))?;
+        if options.learn {
+            tune::learn::after(&completed)?;
+        }
+        if options.learn_path {
+            tune::learn_path::after(&completed)?;
+        }
+    }
+    Ok(())
+}
+
 /// Carries a command out; the fault script of a run may do so much.
 ///
 /// # Errors
 /// It could not be carried out, and why.
 pub fn obey(command: Command, injection: Injection) -> Outcome {
     match command {
-        Command::Run(cli::Started { options, shown }) => {
-            for pass in 1..=options.passes {
-                let options = options.of_pass(pass);
-                let completed = start(&shown, |desk| run::run(&options, injection, desk))?;
-                if options.learn {
-                    tune::learn::after(&completed)?;
-                }
-                if options.learn_path {
-                    tune::learn_path::after(&completed)?;
-                }
-            }
-            Ok(())
-        }
+        Command::Run(started) => run_passes(&started, injection),
         Command::Check(options) => check::check(&options),
         Command::Plan(options) => plan::plan(&options),
         Command::Report(options) => report::command::report(&options),
