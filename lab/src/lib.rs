@@ -15,4 +15,5 @@ pub mod promises;
 pub mod reading;
 pub mod recording;
 pub mod soak;
+pub mod suite;
 pub mod tampering;

@@ -10,6 +10,7 @@ use console::logs;
 use lab::linuxcnc::LinuxcncCommand;
 use lab::options::{BenchOptions, BenchPongOptions, SoakOptions};
 use lab::reading::ReadingCommand;
+use lab::suite::SuiteOptions;
 use launcher::run::Injection;
 
 /// What measures and breaks a cell; beside it all that `quadrant` can do.
@@ -40,6 +41,8 @@ enum Command {
         #[command(subcommand)]
         command: ReadingCommand,
     },
+    /// All tests of the project, and where their time goes
+    Suite(SuiteOptions),
     /// The other side of a measurement
     #[command(hide = true)]
     BenchPong(BenchPongOptions),
@@ -72,6 +75,7 @@ fn obey(command: Command) -> Outcome {
         Command::Soak(options) => lab::soak::soak(&options),
         Command::Linuxcnc { command } => lab::linuxcnc::linuxcnc(&command),
         Command::Reading { command } => lab::reading::reading(&command),
+        Command::Suite(options) => lab::suite::suite(&options),
         Command::BenchPong(options) => lab::bench::pong(&options),
         Command::FaultyPlanner(options) => {
             logs::init_role();
