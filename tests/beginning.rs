@@ -1,7 +1,7 @@
 //! The tool in the spindle, the offset that is applied and the modes belong to the machine: kept over programs, typed-in blocks and the
 //! deaths of processes, and read in one place by the planner, the readout, `zero` and programs.
 //!
-//! `EVERY_DEATH=1 cargo test --release --test cell -- beginning:: --nocapture` kills each process between each way and each next order.
+//! `QUADRANT_TESTS=full cargo test --release --test cell -- beginning:: --nocapture` kills each process between each way and each next order.
 
 use std::fs;
 use std::time::{Duration, Instant};
@@ -10,6 +10,7 @@ use bus::sample::{Feedback, Mode};
 use serde_json::Value;
 
 use crate::readout::status;
+use crate::size;
 use crate::support::{Bench, LiveCell, PATIENCE, send};
 use crate::up::{ask, down, obeyed};
 
@@ -91,7 +92,7 @@ fn mill() -> (Bench, LiveCell) {
 #[test]
 fn every_way_of_applying_an_offset_holds_for_every_next_order_over_every_death() {
     let (mut bench, mut cell) = mill();
-    let every = std::env::var("EVERY_DEATH").is_ok();
+    let every = size::is_full();
     for (number, (way, applied_mm)) in WAYS.into_iter().enumerate() {
         if every && number > 0 {
             // A launcher gives up on processes that die too often.

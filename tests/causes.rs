@@ -98,7 +98,7 @@ fn a_gap_that_nobody_makes_up_for_leads_the_list_as_the_backlash_of_its_axis() {
         "gap_um = 5.0 ",
         "gap_um = 25.0 ",
     );
-    let run = circles(&bench, 1_500.0);
+    let run = circles(&bench, 3_000.0);
     let (first, value_um) = first_cause(&run);
     assert_eq!(first["cause"], "lost-motion");
     assert_eq!(first["axis"], "X");
@@ -123,7 +123,7 @@ fn a_gap_that_nobody_makes_up_for_leads_the_list_as_the_backlash_of_its_axis() {
 fn axes_that_are_not_square_lead_the_list_with_their_angle() {
     let square = "[[axis.cross_talk]]\nfrom = \"Y\"\nsquareness_um_per_m = 400.0\n\n[axis.screw]";
     let bench = changed(&[], "plant.toml", "[axis.screw]", square);
-    let (first, value) = first_cause(&circles(&bench, 1_500.0));
+    let (first, value) = first_cause(&circles(&bench, 3_000.0));
     assert_eq!(first["cause"], "squareness");
     assert_eq!(first["unit"], "µm/m");
     assert!((value - 400.0).abs() < 12.0, "{first}");
@@ -148,7 +148,7 @@ fn axes_of_different_gains_lead_the_list_with_the_difference_of_their_lags() {
         "following_error_limit_mm = 20.0",
     );
     fs::write(&file, text).expect("writing it");
-    let (first, value_ms) = first_cause(&circles(&bench, 600.0));
+    let (first, value_ms) = first_cause(&circles(&bench, 3_000.0));
     assert_eq!(first["cause"], "servo-mismatch");
     assert_eq!(first["unit"], "ms");
     let late_ms = 1e3 / 40.0 - 1e3 / 50.0;
@@ -160,7 +160,7 @@ fn axes_of_different_gains_lead_the_list_with_the_difference_of_their_lags() {
 fn a_circle_that_is_travelled_one_way_says_what_it_cannot_tell() {
     let square = "[[axis.cross_talk]]\nfrom = \"Y\"\nsquareness_um_per_m = 400.0\n\n[axis.screw]";
     let bench = changed(&[], "plant.toml", "[axis.screw]", square);
-    let turn = "G3 X25 Y0 I-25 J0 F1500\n";
+    let turn = "G3 X25 Y0 I-25 J0 F3000\n";
     let text = format!("G21 G17 G90 G94\nG0 X25 Y0\nG4 P0.2\n{turn}{turn}G4 P0.2\nM2\n");
     let run = run(bench.path(), bench.file("circle.ngc", &text));
     let report = run.good_report();

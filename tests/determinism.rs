@@ -7,6 +7,7 @@ use std::time::Duration;
 use plant_sim::script::rng::Rng;
 use serde_json::Value;
 
+use crate::size;
 use crate::support::{Bench, LiveCell, Run, circle_program, run, send, text};
 
 fn digests(report: &Value) -> (String, String) {
@@ -72,10 +73,11 @@ fn a_busy_machine_changes_no_bit() {
 fn processes_delayed_at_random_instants_change_no_bit() {
     let bench = Bench::of("xy", &[]);
     // Some seconds of wall time: enough for the delays, and not much more.
-    let turns = circle_program(25.0, 600.0, (0.0, 0.0), 0.0);
+    let feed = if size::is_full() { 600.0 } else { 2_400.0 };
+    let turns = circle_program(25.0, feed, (0.0, 0.0), 0.0);
     let program = bench.file("slow.ngc", &turns);
     let undisturbed = finished(run(bench.path(), &program));
-    for seed in [1, 2, 3] {
+    for seed in 1..=size::number("SEEDS", 1, 3) {
         let mut rng = Rng::new(seed);
         let mut cell = LiveCell::start(bench.path(), &program, "lockstep");
         cell.wait_for_scan(1);

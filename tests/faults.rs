@@ -9,6 +9,7 @@ use bus::sample::{Feedback, Mode};
 use monitor::log::{Reader, Sample};
 use serde_json::Value;
 
+use crate::size;
 use crate::support::{Bench, Run, number, root, run, run_with, text};
 
 /// Straights, a corner, arcs that turn back, a dwell, a rapid, and more of the same; ends in (30, 0).
@@ -182,7 +183,8 @@ fn a_servo_killed_while_it_learns_what_friction_has_become_is_followed_by_one_th
 }
 
 #[test]
-fn two_hundred_kills_of_servos_that_have_a_standby_change_not_one_bit_of_the_motion() {
+fn kills_of_servos_that_have_a_standby_change_not_one_bit_of_the_motion() {
+    let times = size::number("KILLS", 40, 200) / 4;
     for machine in ["xy", "xyz-mill"] {
         let plain = bench_with(machine, false);
         let bench = bench_with(machine, true);
@@ -191,8 +193,8 @@ fn two_hundred_kills_of_servos_that_have_a_standby_change_not_one_bit_of_the_mot
         let kill = |process, from| Kills {
             process,
             from,
-            every: 160,
-            times: 50,
+            every: 8_000 / times,
+            times,
             back_after: 12,
         };
         let faults = script(
@@ -211,8 +213,8 @@ fn two_hundred_kills_of_servos_that_have_a_standby_change_not_one_bit_of_the_mot
             text(&undisturbed, "/motion_digest"),
             "{machine}"
         );
-        assert!(starts(&report, "servo-X") > 40, "{machine}");
-        assert!(starts(&report, "servo-Y-b") > 40, "{machine}");
+        assert!(starts(&report, "servo-X") > times * 4 / 5, "{machine}");
+        assert!(starts(&report, "servo-Y-b") > times * 4 / 5, "{machine}");
         for axis in 0..2 {
             assert_eq!(number(&report, &format!("/axes/{axis}/missed_scans")), 0.0);
         }
@@ -221,8 +223,8 @@ fn two_hundred_kills_of_servos_that_have_a_standby_change_not_one_bit_of_the_mot
 }
 
 #[test]
-fn two_hundred_kills_of_the_planner_leave_the_tool_on_the_path_and_the_program_ends_where_it_should()
- {
+fn kills_of_the_planner_leave_the_tool_on_the_path_and_the_program_ends_where_it_should() {
+    let times = size::number("KILLS", 20, 200);
     for machine in ["xy", "xyz-mill"] {
         let bench = bench_with(machine, false);
         let program = bench.file("mixed.ngc", &mixed_program(3));
@@ -235,14 +237,15 @@ fn two_hundred_kills_of_the_planner_leave_the_tool_on_the_path_and_the_program_e
             &[Kills {
                 process: "planner",
                 from: 5,
-                every: 83,
-                times: 200,
+                // In each phase of a period.
+                every: size::number("EVERY", 601, 83),
+                times,
                 back_after: 9,
             }],
         );
         let ended = run_with_faults(&bench, &program, &faults);
         let report = ended.good_report();
-        assert_eq!(starts(&report, "planner"), 201, "{machine}");
+        assert_eq!(starts(&report, "planner"), times + 1, "{machine}");
         no_limit_is_broken(&report);
         let held = run_with(bench.path(), &program, &["--orders", &holds(&bench)]).good_report();
         let peak = |report: &Value| number(report, "/contour_error_um/peak");
@@ -344,7 +347,8 @@ fn holds(bench: &Bench) -> String {
 }
 
 #[test]
-fn two_hundred_kills_of_the_monitor_change_not_one_bit_of_the_motion() {
+fn kills_of_the_monitor_change_not_one_bit_of_the_motion() {
+    let times = size::number("KILLS", 40, 200);
     let bench = Bench::of("xy", &[]);
     let program = bench.file("mixed.ngc", &mixed_program(3));
     let undisturbed = run(bench.path(), &program).good_report();
@@ -354,8 +358,8 @@ fn two_hundred_kills_of_the_monitor_change_not_one_bit_of_the_motion() {
         &[Kills {
             process: "monitor",
             from: 20,
-            every: 40,
-            times: 200,
+            every: 8_000 / times,
+            times,
             back_after: 9,
         }],
     );

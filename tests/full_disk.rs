@@ -7,6 +7,7 @@ use std::time::Instant;
 
 use serde_json::Value;
 
+use crate::size;
 use crate::support::{Bench, number, root, text, traces_of, unique_cell};
 
 const PROGRAM: &str = "machines/xy/programs/circle-r25-f3000.ngc";
@@ -54,7 +55,7 @@ fn is_whole_but_for_its_log(report: &Value, said: &str) {
 
 #[test]
 fn a_full_disk_stops_no_machine_and_what_was_recorded_is_reported_once_there_is_room() {
-    for pace in ["lockstep", "realtime"] {
+    for pace in size::one_in(2, ["lockstep", "realtime"]) {
         let folder = tempfile::tempdir().expect("a folder");
         let (cell, began) = (unique_cell(), Instant::now());
         let bench = Bench::patient("xy", &[]);
@@ -155,11 +156,11 @@ fn a_limit_of_file_sizes_is_said_and_kills_nobody() {
     assert!(said.contains("ulimit -f"), "{said}");
 
     let program = folder.path().join("long.ngc");
-    // 50 s of motion, 48 MB.
-    let turns = "G3 X25 Y0 I-25 J0 F3000\n".repeat(16);
+    // 25 s of motion, 24 MB.
+    let turns = "G3 X25 Y0 I-25 J0 F3000\n".repeat(8);
     let moves = format!("G21 G17 G90 G94\nG0 X25 Y0\n{turns}M2\n");
     std::fs::write(&program, moves).expect("a file");
-    let output = with_file_size(40_000, &program, &out, &cell);
+    let output = with_file_size(10_000, &program, &out, &cell);
     let said = words(&output);
     assert!(!said.contains("killed by signal"), "{said}");
     assert!(said.contains("File too large"), "{said}");

@@ -17,6 +17,7 @@ use bus::signal_page::SignalPage;
 use machine::Machine;
 use stateright::{Checker, Model, Property};
 
+use crate::size;
 use crate::support::{Bench, LiveCell, quadrant, send};
 
 const CLIENTS: usize = 6;
@@ -358,7 +359,7 @@ fn kill(live: &LiveCell, cell: &Shared, role: &str) {
 
 #[test]
 fn orders_of_many_clients_are_linearizable_while_master_and_planner_are_killed() {
-    let rounds: u64 = std::env::var("ROUNDS").map_or(6, |rounds| rounds.parse().expect("ROUNDS"));
+    let rounds = size::number("ROUNDS", 4, 6);
     let restarts = ("[scan]\n", "[restart]\nrestarts_max = 100000\n\n[scan]\n");
     let bench = Bench::patient("xy", &[restarts]);
     let program = bench.file("line.ngc", "G21 G17 G90 G94\nG1 X2 F3000\nX0\nM2\n");

@@ -60,6 +60,7 @@ mod said_and_done;
 mod scope;
 mod setpoints;
 mod shared_memory;
+mod size;
 mod smooth_motion;
 mod straight_lines;
 mod support;

@@ -70,7 +70,7 @@ fn a_table_that_turns_without_end_takes_the_shorter_way_and_is_shown_within_a_tu
     near(counted(&stops(&mut cell, 5)), 1080.0);
     // Turned away by hand, it turns back by as much.
     obeyed(&cell, &["hold"]);
-    obeyed(&cell, &["jog", "A", "400", "--wait"]);
+    obeyed(&cell, &["jog", "A", "400", "--speed", "2000", "--wait"]);
     let (_, of_machine) = shown(&cell);
     near(of_machine, 40.0);
     obeyed(&cell, &["resume"]);

@@ -7,6 +7,7 @@ use std::process::{Child, Stdio};
 
 use serde_json::Value;
 
+use crate::size;
 use crate::support::{Bench, LiveCell, Run, circle_program, long_program, quadrant, send, text};
 
 /// Children that look on; dropping them ends them.
@@ -76,11 +77,11 @@ fn watched(count: usize) -> (Run, Vec<Value>) {
 }
 
 #[test]
-fn no_monitor_one_and_four_with_one_of_them_stopped_give_the_same_motion() {
+fn monitors_and_one_of_them_that_is_stopped_change_no_bit_of_the_motion() {
     let (alone, _) = watched(0);
     let digest = text(&alone.good_report(), "/motion_digest");
     let whole = text(&alone.good_report(), "/digest");
-    for count in [1, 4] {
+    for count in size::one_in(2, [4, 1]) {
         let (run, lines) = watched(count);
         assert_eq!(
             text(&run.good_report(), "/motion_digest"),
@@ -229,12 +230,12 @@ fn where_no_cell_runs_that_is_said_with_status_1() {
 }
 
 #[test]
-fn a_monitor_that_comes_and_goes_thirty_times_leaves_no_trace() {
+fn a_monitor_that_comes_and_goes_again_and_again_leaves_no_trace() {
     let bench = Bench::patient("xy", &[]);
     let program = bench.file("circle.ngc", &circle_program(25.0, 3000.0, (0.0, 0.0), 0.0));
     let mut cell = LiveCell::start(bench.path(), &program, "realtime");
     cell.wait_for_scan(1);
-    for time in 0..30 {
+    for time in 0..size::number("TIMES", 10, 30) {
         let output = quadrant()
             .args(["status", "--json", "--cell", &cell.cell])
             .output()

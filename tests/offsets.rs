@@ -12,6 +12,7 @@ use machine::{KeptParameters, Machine};
 use rustix::process::{Pid, Signal};
 use serde_json::Value;
 
+use crate::size;
 use crate::support::{Bench, LiveCell, quadrant, run, run_with, text};
 use crate::tools::tool;
 use crate::up::{ask, down, obeyed, refused};
@@ -257,7 +258,7 @@ fn traced(words: &[&str], more: &[&str]) -> Option<Output> {
 /// Words of a command that sets this value.
 type Words<'a> = &'a dyn Fn(&str) -> Vec<String>;
 
-/// Killed at its last system calls (at as many as `QUADRANT_KILLS` says, over all of them): the file is old or new, never else.
+/// Killed at its last system calls (at as many as `KILLS` says, over all of them): the file is old or new, never else.
 #[test]
 fn whenever_a_writer_is_killed_its_file_is_old_or_new() {
     let (bench, offsets, machine) = with_offsets("xy", Some("[G54]\nX = 1.0\n"));
@@ -295,9 +296,10 @@ fn killed_everywhere(file: &Path, words: Words<'_>, trace: &Path) {
     let names = traced.lines().filter_map(|line| line.split_once('('));
     let names: Vec<&str> = names.map(|(name, _)| name).collect();
     let calls = names.len();
-    let kills = std::env::var("QUADRANT_KILLS").ok();
-    let kills = kills.and_then(|count| count.parse().ok());
-    let (from, count) = kills.map_or((calls.saturating_sub(24), 24), |count: usize| (0, count));
+    let (from, count) = match size::number("KILLS", 0, 200) {
+        0 => (calls.saturating_sub(24), 24),
+        kills => (0, kills as usize),
+    };
     let mut seen = [0; 2];
     for kill in 0..count {
         let before = text();
@@ -436,7 +438,7 @@ fn kill_process(child: &Child) -> rustix::io::Result<()> {
     rustix::process::kill_process(Pid::from_child(child), Signal::TERM)
 }
 
-/// Killed at its system calls at the end of a program (at eight, or as many as `QUADRANT_KILLS` says): the file is old or new at every
+/// Killed at its system calls at the end of a program (at eight, or as many as `KILLS` says): the file is old or new at every
 /// look, and new in the end.
 #[test]
 fn whenever_the_planner_is_killed_at_the_end_of_a_program_the_file_is_old_or_new() {
@@ -458,8 +460,7 @@ fn whenever_the_planner_is_killed_at_the_end_of_a_program_the_file_is_old_or_new
         file: &file,
     };
     if let Some(Kept { calls, .. }) = keeping.run(2.0, None) {
-        let kills = std::env::var("QUADRANT_KILLS").ok();
-        let kills: usize = kills.and_then(|count| count.parse().ok()).unwrap_or(8);
+        let kills = size::number("KILLS", 8, 8) as usize;
         let mut killed = 0;
         for kill in 0..kills {
             let at = kill * calls.len() / kills;

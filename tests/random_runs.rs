@@ -19,6 +19,8 @@ use std::time::{Duration, Instant};
 
 use trial::Trial;
 
+use crate::size;
+
 /// Every command has returned so long after its cause.
 const RETURN_LIMIT: Duration = Duration::from_secs(3);
 /// A bare process, from its start to its end, on a PC that does nothing else takes less.
@@ -96,13 +98,10 @@ fn slower() -> f64 {
     (since.elapsed().as_secs_f64() / BARE_PROCESS.as_secs_f64()).clamp(1.0, SLOWER_MAX)
 }
 
-fn number(name: &str, default: u64) -> u64 {
-    std::env::var(name).map_or(default, |text| text.parse().expect("a number"))
-}
-
 #[test]
 fn whatever_is_done_to_a_run_every_command_returns_soon_and_all_that_is_said_agrees() {
-    let (from, runs, jobs) = (number("FROM", 0), number("RUNS", 6), number("JOBS", 2));
+    let from = size::number("FROM", 0, 0);
+    let (runs, jobs) = (size::number("RUNS", 6, 6), size::number("JOBS", 2, 2));
     pc::watch();
     let next = AtomicU64::new(from);
     let all = Mutex::new(Figures::default());

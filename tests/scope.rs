@@ -6,6 +6,7 @@ use std::process::Output;
 
 use serde_json::Value;
 
+use crate::size;
 use crate::support::{Bench, LiveCell, Run, circle_program, long_program, quadrant, run, run_with};
 
 const SIGNALS: &str = "X.following_error,X.command,Y.torque,X.table,contour_error,path_distance,line,mode,X.missed_scans";
@@ -69,6 +70,9 @@ fn boxes(run: &Run) -> Vec<String> {
 
 #[test]
 fn what_a_scope_sees_of_a_running_cell_is_what_it_sees_in_its_log() {
+    if size::is_left_out() {
+        return;
+    }
     let bench = Bench::patient("xy", &[]);
     let program = circle(&bench);
     let mut cell = LiveCell::start(bench.path(), &program, "realtime");

@@ -2,6 +2,7 @@
 
 use serde_json::Value;
 
+use crate::size;
 use crate::support::{Bench, circle_program, number, run};
 
 fn measure(bench: &Bench, radius: f64, feed: f64) -> Value {
@@ -63,13 +64,14 @@ fn with_trigger(trigger: &str) -> Bench {
 fn the_pulse_starts_its_lead_before_the_reversal_at_every_radius_and_feed() {
     let bench = Bench::without_model("xy", &[]);
     let (lead_ms, scan_ms) = (5.5, 1.0);
-    for (radius, feed) in [
-        (5.0, 500.0),
+    let circles = [
         (10.0, 9_000.0),
+        (140.0, 3_000.0),
+        (5.0, 500.0),
         (25.0, 1_000.0),
         (60.0, 14_000.0),
-        (140.0, 3_000.0),
-    ] {
+    ];
+    for (radius, feed) in size::one_in(2, circles) {
         let report = measure(&bench, radius, feed);
         assert_eq!(report["reversals"][0]["trigger"], "command-acceleration");
         // Rows a few increments apart: the report knows the instant of the reversal to half a scan.

@@ -10,6 +10,7 @@ use std::time::{Duration, Instant};
 use bus::sample::{Feedback, Mode, ProgramState};
 use serde_json::Value;
 
+use crate::size;
 use crate::support::{
     Bench, LiveCell, circle_program, long_program, quadrant, run_with, send, text,
 };
@@ -418,12 +419,13 @@ fn an_urgent_order_comes_through_however_many_connections_are_silent_and_orders_
     obeyed(&cell, &["enable"]);
     let by_hand = ByHand::start(&cell, &[]);
     let page = &by_hand.page;
-    for (order, says) in [
+    let urgent = [
         ("hold", "hold: latched"),
         ("stop", "at rest"),
         ("disable", "drives off"),
         ("estop", "emergency stop: the drives are off"),
-    ] {
+    ];
+    for (order, says) in size::one_in(2, urgent) {
         let mut silent = silent_connections(&page.address, SILENT);
         let master = cell.pid_of(" plant-sim ");
         send(master, libc::SIGSTOP);

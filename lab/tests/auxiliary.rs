@@ -2,7 +2,8 @@
 
 use std::fmt::Write as _;
 
-use crate::common::{AT_SPEED_SHARE, kill, load, mill_with_spindle, order, seeds};
+use crate::common::{AT_SPEED_SHARE, kill, load, mill_with_spindle, order};
+use crate::size;
 use bus::sample::{Cause, FLOOD, Feedback, Levels, MIST, Mode, Order, SpindleCommand, Waiting};
 use lab::cell::{InProcessCell, Script};
 use lab::invariants::{Course, Judge};
@@ -12,8 +13,8 @@ use plant_sim::plant_file::{PlantFile, PlantSpindle};
 use plant_sim::script::faults;
 use plant_sim::script::rng::Rng;
 
-/// Seeds of a run of this test; `SEEDS=500` in the environment for a long one.
-const SEEDS: u64 = 40;
+/// Seeds of a run of this test, and in full; `SEEDS=500` in the environment for a long one.
+const SEEDS: [u64; 2] = [15, 40];
 const SPEED_RPM: f64 = 3000.0;
 /// From an order of the operator to the next.
 const ORDER_SCANS: u64 = 40;
@@ -515,7 +516,7 @@ fn kill_around_events(text: &str, stops: usize) {
         Some(4.0 + passes)
     );
     let (mut kills, mut worst_mm) = (0, 0.0f64);
-    for seed in 0..seeds(SEEDS) {
+    for seed in 0..size::number("SEEDS", SEEDS[0], SEEDS[1]) {
         let mut rng = Rng::new(Rng::new(seed).bits());
         let mut script =
             String::from("[restart]\nplanner = \"resume\"\nservo = \"wait\"\nmaster = \"wait\"\n");

@@ -6,6 +6,7 @@ mod meanwhile;
 use std::collections::BTreeMap;
 
 use crate::common::{self, staying::Cell};
+use crate::size;
 use bus::sample::{
     Cause, Driver, Feedback, HandCourse, Job, MAX_AXES, Mode, OperatorRequest, Order, Refused,
 };
@@ -371,7 +372,7 @@ fn into_the_middle(bench: &mut Bench) {
 
 #[test]
 fn increments_of_any_size_both_ways_and_on_top_of_each_other_are_exact_on_every_machine() {
-    let clicks = common::number("CLICKS", 60);
+    let clicks = size::number("CLICKS", 20, 60);
     let mut turn = 0;
     for (name, machine, plant) in machines() {
         let axes = jogged(&machine);
@@ -630,7 +631,7 @@ fn after_the_death_of_its_sender_a_held_jog_goes_no_further_than_its_deadline_an
     let acceleration_mm_s2 = 0.2 * machine.axes[0].acceleration_mm_s2;
     let mut bench = Bench::of("xy", machine, plant, 9);
     let mut furthest = 0.0f64;
-    for death in 0..common::number("DEATHS", 40) {
+    for death in 0..size::number("DEATHS", 20, 40) {
         let direction = if death % 2 == 0 { 1.0 } else { -1.0 };
         let on = OperatorRequest {
             speed_mm_s: SPEED_MM_S,
@@ -694,10 +695,13 @@ fn whatever_comes_in_whatever_step_of_a_jog_the_next_one_is_exact_again() {
         ("gantry", Cell::new(gantry, of_gantry)),
     ];
     // Settling, the change to come, under way, braking, settling again, in the hand, out of it.
-    let moments: &[u64] = match common::number("EVERY_MOMENT", 0) {
-        0 => &[0, 30, 66, 75, 250, 340, 2_600],
-        _ => &[0, 1, 30, 62, 66, 69, 75, 120, 250, 290, 340, 900, 2_600],
+    let moments: &[u64] = match size::is_full() {
+        false => &[0, 30, 66, 75, 250, 340, 2_600],
+        true => &[0, 1, 30, 62, 66, 69, 75, 120, 250, 290, 340, 900, 2_600],
     };
+    let each = |moment: &u64| BETWEEN.map(|between| (*moment, between));
+    // Each of what can come, in different moments.
+    let cases = size::one_in(4, moments.iter().flat_map(each));
     let mut count = 0;
     for (name, mut cell) in cells {
         cell.scans(5);
@@ -719,34 +723,32 @@ fn whatever_comes_in_whatever_step_of_a_jog_the_next_one_is_exact_again() {
             ..common::axis_order(Order::JogOn, 0, inwards)
         };
         for asked in [common::axis_order(Order::Jog, 0, 2.0 * inwards), held, line] {
-            for moment in moments {
-                for between in BETWEEN {
-                    let what = format!(
-                        "{name}: order {} by {}, {between:?} after {moment} scans",
-                        asked.order, asked.value
-                    );
-                    let mut cell = cell.clone();
-                    assert_eq!(cell.ask(&asked).reason, Refused::Not as u32, "{what}");
-                    cell.scans(*moment);
-                    // The second time as well.
-                    for _ in 0..2 {
-                        comes_between(&mut cell, between);
-                        made_ready(&mut cell, &what);
-                        let from = cell.now.axes.map(|axis| axis.command_position);
-                        let again = common::axis_order(Order::Jog, 0, 0.5 * inwards);
-                        assert_eq!(cell.ask(&again).reason, Refused::Not as u32, "{what}");
-                        cell.scans(2);
-                        assert!(cell.until(5_000, |of| of.mode() != Mode::Jogging), "{what}");
-                        let now = cell.now.axes.map(|axis| axis.command_position);
-                        let increments =
-                            (0.5 * inwards / cell.machine.axes[0].increment_mm()).round() as i64;
-                        assert_eq!(now[0] - from[0], increments, "{what}: {:?}", cell.cause());
-                        assert_eq!(now[1], from[1], "{what}");
-                        assert_eq!(cell.mode(), Mode::Ready, "{what}");
-                        count += 1;
-                        cell.ask(&asked);
-                        cell.scans(*moment);
-                    }
+            for &(moment, between) in &cases {
+                let what = format!(
+                    "{name}: order {} by {}, {between:?} after {moment} scans",
+                    asked.order, asked.value
+                );
+                let mut cell = cell.clone();
+                assert_eq!(cell.ask(&asked).reason, Refused::Not as u32, "{what}");
+                cell.scans(moment);
+                // The second time as well.
+                for _ in 0..2 {
+                    comes_between(&mut cell, between);
+                    made_ready(&mut cell, &what);
+                    let from = cell.now.axes.map(|axis| axis.command_position);
+                    let again = common::axis_order(Order::Jog, 0, 0.5 * inwards);
+                    assert_eq!(cell.ask(&again).reason, Refused::Not as u32, "{what}");
+                    cell.scans(2);
+                    assert!(cell.until(5_000, |of| of.mode() != Mode::Jogging), "{what}");
+                    let now = cell.now.axes.map(|axis| axis.command_position);
+                    let increments =
+                        (0.5 * inwards / cell.machine.axes[0].increment_mm()).round() as i64;
+                    assert_eq!(now[0] - from[0], increments, "{what}: {:?}", cell.cause());
+                    assert_eq!(now[1], from[1], "{what}");
+                    assert_eq!(cell.mode(), Mode::Ready, "{what}");
+                    count += 1;
+                    cell.ask(&asked);
+                    cell.scans(moment);
                 }
             }
         }

@@ -2,7 +2,8 @@
 
 use std::path::Path;
 
-use crate::common::{kill, order, seeds};
+use crate::common::{kill, order};
+use crate::size;
 use bus::sample::{Cause, Feedback, Mode, Order, Refused};
 use lab::cell::{InProcessCell, Script};
 use lab::invariants::{Course, Judge};
@@ -12,8 +13,8 @@ use plant_sim::plant_file::PlantFile;
 use plant_sim::script::faults;
 use plant_sim::script::rng::Rng;
 
-/// Seeds of a run of this test; `SEEDS=500` in the environment for a long one.
-const SEEDS: u64 = 30;
+/// Seeds of a run of this test, and in full; `SEEDS=500` in the environment for a long one.
+const SEEDS: [u64; 2] = [12, 30];
 const Z: usize = 1;
 
 fn lathe() -> (Machine, PlantFile) {
@@ -351,7 +352,7 @@ fn whoever_is_killed_in_a_tap_spindle_and_axis_stop_together_and_go_on_in_step()
         .scan;
     let mut worst = [0.0f64; 6];
     let mut wrong = Vec::new();
-    for seed in 0..seeds(SEEDS) {
+    for seed in 0..size::number("SEEDS", SEEDS[0], SEEDS[1]) {
         let mut rng = Rng::new(Rng::new(seed).bits());
         let kind = (seed % 6) as usize;
         let scan = rng.within(first, last);
@@ -402,7 +403,7 @@ fn whoever_is_killed_in_a_thread_it_goes_on_at_the_index() {
         .expect("a pass")
         .feedback
         .scan;
-    for seed in 0..seeds(SEEDS) / 3 {
+    for seed in 0..size::number("SEEDS", SEEDS[0], SEEDS[1]) / 3 {
         let mut rng = Rng::new(Rng::new(seed).bits());
         let who = ["planner", "servo-Z", "plant-sim"][(seed % 3) as usize];
         let scan = rng.within(first, first + 1500);
@@ -511,7 +512,7 @@ fn whoever_is_killed_in_g96_the_spindle_has_the_speed_of_the_radius_afterwards()
     let course = Course::of(&machine, &plant, "any.ngc", FACING).expect("a course");
     let undisturbed = run(&machine, &plant, FACING, None);
     let last = undisturbed.rows.len() as u64 - 200;
-    for seed in 0..seeds(SEEDS) / 3 {
+    for seed in 0..size::number("SEEDS", SEEDS[0], SEEDS[1]) / 3 {
         let mut rng = Rng::new(Rng::new(seed).bits());
         let who = ["planner", "servo-X", "plant-sim"][(seed % 3) as usize];
         let (scan, after) = (rng.within(500, last), rng.within(5, 200));

@@ -2,6 +2,7 @@
 //! not renewed.
 
 use crate::common::{self, staying::Cell};
+use crate::size;
 use bus::sample::{Cause, MAX_AXES, Mode, OperatorRequest, OperatorResponse, Order, Refused};
 use machine::Machine;
 use plant_sim::plant_file::{PlantFile, PlantPlane, PlantProbe};
@@ -98,7 +99,7 @@ fn the_answer_to_what_cuts_a_jog_short_names_where_the_axis_then_stands_to_the_i
         ];
         for (which, asked) in asked.iter().enumerate() {
             for order in [Order::Hold, Order::Stop, Order::JogRenew] {
-                for seed in 0..common::seeds(6) {
+                for seed in 0..size::number("SEEDS", 3, 6) {
                     let what = format!("{name}, jog {which}, {order:?}, seed {seed}");
                     let mut random = Rng::new(seed);
                     let mut cell = cell.clone();

@@ -11,6 +11,8 @@ use machine::Machine;
 use path::geometry::AxisVector;
 use program::Setup;
 
+use crate::size;
+
 /// Programs of ours in the style of three CAM posts.
 const POSTS: [&str; 3] = ["plate-fusion.ngc", "plate-freecad.ngc", "plate-fanuc.nc"];
 
@@ -60,9 +62,8 @@ fn programs_of_the_grammar_make_the_same_motions_as_linuxcnc() {
     if skipped() {
         return;
     }
-    let programs: u64 =
-        std::env::var("PROGRAMS").map_or(400, |text| text.parse().expect("a whole number"));
-    let from: u64 = std::env::var("FROM").map_or(0, |text| text.parse().expect("a whole number"));
+    let programs = size::number("PROGRAMS", 400, 400);
+    let from = size::number("FROM", 0, 0);
     let kinds = generate::Kinds {
         splines: true,
         spindle_motion: true,

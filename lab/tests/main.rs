@@ -1,6 +1,9 @@
 //! Whole cells in one process and, in `processes`, by the lab's own command.
 
-// Shared with the tests of the cell.
+// Of these the lab uses a part.
+#[allow(dead_code)]
+#[path = "../../tests/size.rs"]
+mod size;
 #[allow(dead_code)]
 #[path = "../../tests/support.rs"]
 mod support;

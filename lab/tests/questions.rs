@@ -3,7 +3,8 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
-use crate::common::{kill, seeds};
+use crate::common::kill;
+use crate::size;
 use bus::sample::{
     AnswerOutcome, Cause, Feedback, Instruments, MAX_AXES, Mode, OperatorRequest, Order, Waiting,
 };
@@ -13,8 +14,8 @@ use plant_sim::plant_file::{PlantFile, PlantInput, PlantPlane, PlantProbe};
 use plant_sim::script::faults;
 use plant_sim::script::rng::Rng;
 
-/// Seeds of a run of this test; `SEEDS=500` in the environment for a long one.
-const SEEDS: u64 = 30;
+/// Seeds of a run of this test, and in full; `SEEDS=500` in the environment for a long one.
+const SEEDS: [u64; 2] = [12, 30];
 /// The surface below the ball's centre when it touches.
 const SURFACE_MM: f64 = -60.0;
 const TIP_MM: f64 = 2.0;
@@ -298,7 +299,7 @@ fn whoever_is_killed_while_a_program_asks_each_answer_is_had_once_and_is_right()
     let undisturbed = judged(&machine, &plant, &everything(), None);
     assert_eq!(undisturbed.wrong, [] as [String; 0]);
     let (mut kills, mut lost, mut worst_um) = (0, 0, 0.0f64);
-    for seed in 0..seeds(SEEDS) {
+    for seed in 0..size::number("SEEDS", SEEDS[0], SEEDS[1]) {
         let mut rng = Rng::new(Rng::new(seed).bits());
         let mut script =
             String::from("[restart]\nplanner = \"resume\"\nservo = \"wait\"\nmaster = \"wait\"\n");

@@ -3,7 +3,8 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
-use crate::common::{kill, seeds};
+use crate::common::kill;
+use crate::size;
 use bus::sample::{Feedback, Mode};
 use lab::cell::{InProcessCell, Script};
 use lab::faceted;
@@ -14,8 +15,8 @@ use plant_sim::plant_file::PlantFile;
 use plant_sim::script::faults;
 use plant_sim::script::rng::Rng;
 
-/// Seeds of a run of this test; `SEEDS=1000` in the environment for a long one.
-const SEEDS: u64 = 60;
+/// Seeds of a run of this test, and in full; `SEEDS=1000` in the environment for a long one.
+const SEEDS: [u64; 2] = [20, 60];
 
 fn mill() -> (Machine, PlantFile) {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../machines/xy");
@@ -93,7 +94,7 @@ fn whoever_is_killed_where_jerk_is_limited_the_tool_keeps_it_and_goes_on() {
 fn kills_leave_the_tool_on_its_path(machine: &Machine, plant: &PlantFile) {
     let restarts = "[restart]\nplanner = \"resume\"\nservo = \"resume\"\n";
     let mut wrong = Vec::new();
-    for seed in 0..seeds(SEEDS) {
+    for seed in 0..size::number("SEEDS", SEEDS[0], SEEDS[1]) {
         let mut rng = Rng::new(Rng::new(seed).bits());
         let text = program(&mut rng);
         let undisturbed = run(machine, plant, &text, restarts);
@@ -122,7 +123,7 @@ fn kills_leave_the_tool_on_its_path(machine: &Machine, plant: &PlantFile) {
         wrong.is_empty(),
         "{} of {}:\n{}",
         wrong.len(),
-        seeds(SEEDS),
+        size::number("SEEDS", SEEDS[0], SEEDS[1]),
         wrong.join("\n")
     );
 }

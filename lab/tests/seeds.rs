@@ -5,14 +5,14 @@ use std::path::PathBuf;
 
 use lab::options::FaultsOptions;
 
-use crate::common;
+use crate::size;
 
 #[test]
 fn no_seed_violates_an_invariant_or_hangs() {
     let options = FaultsOptions {
         machine: PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../machines/xy"),
-        seeds: common::seeds(60),
-        from: common::number("FROM", 1),
+        seeds: size::number("SEEDS", 20, 60),
+        from: size::number("FROM", 1, 1),
         program: None,
         jobs: 2,
         verbose: std::env::var_os("VERBOSE").is_some(),

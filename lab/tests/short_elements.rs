@@ -3,7 +3,8 @@
 
 use std::fmt::Write as _;
 
-use crate::common::{load, seeds};
+use crate::common::load;
+use crate::size;
 use bus::sample::{Mode, PathTag};
 use lab::cell::InProcessCell;
 use lab::invariants::{Course, Judge};
@@ -11,8 +12,8 @@ use machine::Machine;
 use plant_sim::plant_file::PlantFile;
 use plant_sim::script::rng::Rng;
 
-/// Seeds of a run of this test; `SEEDS=200` in the environment for a long one.
-const SEEDS: u64 = 3;
+/// Seeds of a run of this test, and in full; `SEEDS=200` in the environment for a long one.
+const SEEDS: [u64; 2] = [2, 3];
 const MACHINES: [&str; 3] = ["xyz-mill", "xy", "xy-fast"];
 /// The tool is nowhere at rest for longer than this but where a dwell asks for it, in s.
 const PATIENCE_S: f64 = 0.5;
@@ -116,17 +117,16 @@ fn run(machine: &Machine, plant: &PlantFile, text: &str, what: &str) -> (f64, f6
 
 #[test]
 fn chords_however_short_and_many_begin_at_once_and_take_the_time_that_was_known() {
-    for name in MACHINES {
+    let each = |name| [(17_000, 0.01), (40_000, 1e-3), (30_000, 1e-6)].map(|of| (name, of));
+    for (name, (count, length_mm)) in size::one_in(2, MACHINES.into_iter().flat_map(each)) {
         let (machine, plant) = load(name);
-        for (count, length_mm) in [(17_000, 0.01), (40_000, 1e-3), (30_000, 1e-6)] {
-            let what = format!("{name}: {count} chords of {length_mm} mm");
-            let text = chords(count, length_mm, 10_000.0);
-            let (took_s, known_s) = run(&machine, &plant, &text, &what);
-            assert!(
-                (took_s - known_s).abs() < 0.1,
-                "{what}: {took_s} s, and {known_s} s were known"
-            );
-        }
+        let what = format!("{name}: {count} chords of {length_mm} mm");
+        let text = chords(count, length_mm, 10_000.0);
+        let (took_s, known_s) = run(&machine, &plant, &text, &what);
+        assert!(
+            (took_s - known_s).abs() < 0.1,
+            "{what}: {took_s} s, and {known_s} s were known"
+        );
     }
 }
 
@@ -144,7 +144,7 @@ fn chords_of_a_loop_are_read_as_fast_as_they_are_travelled() {
 
 #[test]
 fn programs_of_elements_of_any_length_begin_at_once_and_never_wait_for_what_is_not_read() {
-    for seed in 0..seeds(SEEDS) {
+    for seed in 0..size::number("SEEDS", SEEDS[0], SEEDS[1]) {
         let mut rng = Rng::new(Rng::new(seed).bits());
         let name = MACHINES[rng.within(0, MACHINES.len() as u64 - 1) as usize];
         let (machine, plant) = load(name);

@@ -11,13 +11,13 @@ use plant_sim::plant_file::PlantFile;
 use plant_sim::script::faults;
 use plant_sim::script::rng::Rng;
 
-use crate::common;
+use crate::size;
 
 const MACHINES: [&str; 5] = ["xy", "xy-fast", "xy-torque", "xyz-mill", POSITION];
 /// A machine whose drives close the position loop; the others are folders.
 const POSITION: &str = "xy with drives in position mode";
-/// Seeds of a run of this test; `SEEDS=500` in the environment for a long one.
-const SEEDS: u64 = 100;
+/// Seeds of a run of this test, and in full; `SEEDS=500` in the environment for a long one.
+const SEEDS: [u64; 2] = [40, 100];
 /// The table's distance from the path, whatever the servo did, in mm.
 const PATH_MM: f64 = 1.0;
 
@@ -144,7 +144,7 @@ fn run(
 
 #[test]
 fn a_silent_or_dead_servo_without_a_standby_leaves_the_tool_at_rest_on_the_path() {
-    let seeds = common::seeds(SEEDS);
+    let seeds = size::number("SEEDS", SEEDS[0], SEEDS[1]);
     let (mut worst_mm, mut worst_beyond_mm, mut trips) = (0.0f64, 0.0f64, 0);
     for seed in 0..seeds {
         let trial = trial(seed);

@@ -1,6 +1,7 @@
 //! An axis follows the running count of a wheel: what was counted is where it stands, whatever comes twice, late, or not at all.
 
 use crate::common::{self, staying::Cell};
+use crate::size;
 use bus::sample::{Cause, Job, MAX_AXES, Mode, OperatorRequest, OperatorResponse, Order, Refused};
 use machine::Machine;
 use plant_sim::plant_file::PlantFile;
@@ -181,27 +182,33 @@ fn a_wheel_that_turns_steadily_moves_its_axis_steadily_in_both_modes_on_every_ma
             common::new_machine(&["X:travel=0..300,lead=10", "A:travel=-180..180"]),
         ),
     ];
-    for (name, machine) in machines {
-        for velocity_mode in MODES {
-            // Counts of a message, and the time between two of them.
-            for (per_count_mm, counts, every_s) in [
-                (0.001, 1, 0.01),
-                (0.01, 3, 0.01),
-                (0.01, 8, 0.02),
-                (0.01, 20, 0.05),
-            ] {
-                let mut bench = Bench::of(name, machine.clone(), per_count_mm, velocity_mode);
-                let found = turned_steadily(&mut bench, &[0, 1], counts, every_s);
-                let mean = per_count_mm * f64::from(counts) / every_s;
-                let what = format!("{}, {counts} in {every_s} s", bench.what);
-                println!("{what}: {:.4} to {:.4} of {mean:.4} mm/s", found.0, found.1);
-                assert!(
-                    found.0 >= 0.8 * mean && found.1 <= 1.2 * mean,
-                    "{what}: {found:?} of {mean} mm/s"
-                );
-                bench.rests_where_it_was_counted();
-            }
-        }
+    // Counts of a message, and the time between two of them.
+    let turns = [
+        (0.001, 1, 0.01),
+        (0.01, 3, 0.01),
+        (0.01, 8, 0.02),
+        (0.01, 20, 0.05),
+    ];
+    let each = |(name, machine)| {
+        let modes = MODES
+            .into_iter()
+            .flat_map(move |mode| turns.map(|turn| (mode, turn)));
+        let with = move |(mode, turn)| (name, <(Machine, PlantFile)>::clone(&machine), mode, turn);
+        modes.map(with)
+    };
+    for (name, machine, velocity_mode, (per_count_mm, counts, every_s)) in
+        size::one_in(3, machines.into_iter().flat_map(each))
+    {
+        let mut bench = Bench::of(name, machine, per_count_mm, velocity_mode);
+        let found = turned_steadily(&mut bench, &[0, 1], counts, every_s);
+        let mean = per_count_mm * f64::from(counts) / every_s;
+        let what = format!("{}, {counts} in {every_s} s", bench.what);
+        println!("{what}: {:.4} to {:.4} of {mean:.4} mm/s", found.0, found.1);
+        assert!(
+            found.0 >= 0.8 * mean && found.1 <= 1.2 * mean,
+            "{what}: {found:?} of {mean} mm/s"
+        );
+        bench.rests_where_it_was_counted();
     }
 }
 
@@ -268,7 +275,7 @@ fn a_count_that_jumps_moves_the_axis_by_one_count_and_a_fifth_of_a_second_at_mos
 fn counts_that_come_twice_too_late_or_not_at_all_cost_nothing_and_the_largest_is_followed_by_the_smallest()
  {
     for velocity_mode in MODES {
-        for seed in 0..common::seeds(6) {
+        for seed in 0..size::number("SEEDS", 3, 6) {
             let mut random = Rng::new(seed);
             let mut bench = Bench::of("xy", common::load("xy"), 0.01, velocity_mode);
             bench.what = format!("{}, seed {seed}", bench.what);
@@ -390,45 +397,44 @@ fn freed(bench: &mut Bench) {
 
 #[test]
 fn what_a_wheel_counts_while_its_axis_may_not_be_jogged_moves_nothing_then_or_later() {
-    for velocity_mode in MODES {
-        for keeps in [
-            Keeps::Disabled,
-            Keeps::Tripped,
-            Keeps::Held,
-            Keeps::Homing,
-            Keeps::OtherJog,
-            Keeps::MasterDies,
-        ] {
-            for told in [false, true] {
-                let mut bench = Bench::of("gantry", gantry(), 0.01, velocity_mode);
-                bench.what = format!("{}, {keeps:?}, told: {told}", bench.what);
-                let why = kept(&mut bench, keeps);
-                bench.count[0] = bench.count[0].wrapping_add(40);
-                if told {
-                    for _ in 0..3 {
-                        let answer = bench.turn(0, 7);
-                        assert_eq!(
-                            Refused::from_wire(answer.reason),
-                            Some(why),
-                            "{}",
-                            bench.what
-                        );
-                    }
-                }
-                freed(&mut bench);
-                // With the drives off the wheel is forgotten: the first count says where it is now.
-                let forgets = matches!(keeps, Keeps::Disabled | Keeps::Tripped | Keeps::MasterDies);
-                if !told && !forgets {
-                    bench.count[0] = bench.count[0].wrapping_sub(40);
-                }
-                if forgets {
-                    assert_eq!(bench.turn(0, 25).counts, 0, "{}", bench.what);
-                }
-                let inwards = bench.cell.to_the_middle(0).0.signum() as i32;
-                bench.turn_all(0, 3 * inwards);
-                bench.rests_where_it_was_counted();
+    let all = [
+        Keeps::Disabled,
+        Keeps::Tripped,
+        Keeps::Held,
+        Keeps::Homing,
+        Keeps::OtherJog,
+        Keeps::MasterDies,
+    ];
+    let each = |keeps| [(0, false), (0, true), (1, false), (1, true)].map(|of| (keeps, of));
+    // Each of them at least once.
+    for (keeps, (velocity_mode, told)) in size::one_in(3, all.into_iter().flat_map(each)) {
+        let mut bench = Bench::of("gantry", gantry(), 0.01, velocity_mode);
+        bench.what = format!("{}, {keeps:?}, told: {told}", bench.what);
+        let why = kept(&mut bench, keeps);
+        bench.count[0] = bench.count[0].wrapping_add(40);
+        if told {
+            for _ in 0..3 {
+                let answer = bench.turn(0, 7);
+                assert_eq!(
+                    Refused::from_wire(answer.reason),
+                    Some(why),
+                    "{}",
+                    bench.what
+                );
             }
         }
+        freed(&mut bench);
+        // With the drives off the wheel is forgotten: the first count says where it is now.
+        let forgets = matches!(keeps, Keeps::Disabled | Keeps::Tripped | Keeps::MasterDies);
+        if !told && !forgets {
+            bench.count[0] = bench.count[0].wrapping_sub(40);
+        }
+        if forgets {
+            assert_eq!(bench.turn(0, 25).counts, 0, "{}", bench.what);
+        }
+        let inwards = bench.cell.to_the_middle(0).0.signum() as i32;
+        bench.turn_all(0, 3 * inwards);
+        bench.rests_where_it_was_counted();
     }
 }
 

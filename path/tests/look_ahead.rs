@@ -8,6 +8,8 @@ use path::speed_map::{BLOCK_ELEMENTS, LOOK_AHEAD_ELEMENTS};
 use path::window::{Lead, PlannedSetpoint, WindowPlanner, WindowRequest, WindowSettings};
 use proptest::prelude::*;
 
+use crate::size;
+
 /// As the planner of a machine reads: so many elements ahead of the tool, of which so many in a period while it moves.
 const AHEAD: u32 = 16_384;
 const IN_MOTION: usize = 256;
@@ -184,11 +186,12 @@ proptest! {
         let limits = limits(smooth);
         let corner_mm = if smooth { 0.02 } else { 0.0 };
         let tolerance = PathTolerance { corner_mm, chord_mm: 0.0 };
-        let elements = of_all_lengths(seed, 25_000, tolerance);
+        let elements = of_all_lengths(seed, size::number("ELEMENTS", 18_000, 25_000) as usize, tolerance);
         let mut reading = Reading::new(&elements, &limits);
-        let found = travel(&mut reading, 30_000);
+        let most = size::number("SETPOINTS", 8_000, 30_000) as usize;
+        let found = travel(&mut reading, most);
         let mut of_whole = Reading { planner: whole(&elements, &limits), elements: &[] };
-        let expected = travel(&mut of_whole, 30_000);
+        let expected = travel(&mut of_whole, most);
         for (found, expected) in found.iter().zip(&expected) {
             prop_assert_eq!(found, expected);
         }
@@ -207,7 +210,7 @@ proptest! {
         feed_override in 0.01..1.2f64,
     ) {
         let limits = limits(smooth);
-        let elements = of_all_lengths(seed, 25_000, PathTolerance::EXACT);
+        let elements = of_all_lengths(seed, size::number("ELEMENTS", 18_000, 25_000) as usize, PathTolerance::EXACT);
         let mut reading = Reading::new(&elements, &limits);
         let mut all = whole(&elements, &limits);
         let request = WindowRequest {
@@ -217,7 +220,7 @@ proptest! {
             ..WindowRequest::default()
         };
         let (mut found, mut expected) = (Vec::new(), Vec::new());
-        for element in (0..elements.len() as u32).step_by(1_657) {
+        for element in (0..elements.len() as u32).step_by(size::number("APART", 6_657, 1_657) as usize) {
             reading.read_on(element, usize::MAX);
             let at_hand = reading.planner.path().end() - element;
             prop_assert!(at_hand <= AHEAD);
@@ -233,7 +236,7 @@ proptest! {
     #[test]
     fn a_time_that_is_known_without_setpoints_is_that_of_the_setpoints(seed in any::<u64>()) {
         let limits = limits(false);
-        let elements = of_all_lengths(seed, 20_000, PathTolerance::EXACT);
+        let elements = of_all_lengths(seed, size::number("ELEMENTS", 5_000, 20_000) as usize, PathTolerance::EXACT);
         let mut planner = whole(&elements, &limits);
         let start = planner.start_state();
         let known_s = planner.time_to_end_s(&start, 1.0).unwrap();

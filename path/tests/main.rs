@@ -4,5 +4,8 @@ mod lines;
 mod look_ahead;
 mod positioning;
 mod rests;
+#[allow(dead_code)]
+#[path = "../../tests/size.rs"]
+mod size;
 mod streaming;
 mod windows;

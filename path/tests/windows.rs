@@ -18,6 +18,8 @@ use path::window::{
 };
 use proptest::prelude::*;
 
+use crate::size;
+
 const FEED: Feed = Feed::PathMmS(50.0);
 
 fn at(values: &[f64]) -> AxisVector {
@@ -516,7 +518,7 @@ fn any_run(
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 400, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: size::number("CASES", 100, 400) as u32, ..ProptestConfig::default() })]
 
     #[test]
     fn no_axis_is_over_a_limit_at_any_scan_whatever_the_operator_and_the_planner_do(
@@ -568,7 +570,7 @@ proptest! {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 60, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: size::number("CASES", 30, 60) as u32, ..ProptestConfig::default() })]
 
     #[test]
     fn no_axis_is_over_its_jerk_at_any_scan_whatever_the_operator_and_the_planner_do(

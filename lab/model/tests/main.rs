@@ -2,3 +2,6 @@
 
 mod exhaustive;
 mod page;
+#[allow(dead_code)]
+#[path = "../../../tests/size.rs"]
+mod size;

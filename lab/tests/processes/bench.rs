@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 
 use tempfile::TempDir;
 
+use crate::size;
 use crate::support::{Bench, PATIENCE, children_of, quadrant, send, wait_until_gone};
 
 #[test]
@@ -377,6 +378,9 @@ fn the_report_of_a_long_log_is_measured_beside_reading_alone() {
 
 #[test]
 fn friction_that_fell_by_a_third_is_followed_while_the_machine_runs() {
+    if size::is_left_out() {
+        return;
+    }
     let folder = tempfile::tempdir().expect("a temporary folder");
     let file = folder.path().join("plants.csv");
     let done = quadrant()
@@ -407,6 +411,9 @@ fn friction_that_fell_by_a_third_is_followed_while_the_machine_runs() {
 
 #[test]
 fn random_plants_are_those_of_their_seed_and_one_of_them_can_be_run_again() {
+    if size::is_left_out() {
+        return;
+    }
     let folder = tempfile::tempdir().expect("a temporary folder");
     let bench = |arguments: &[&str], name: &str| {
         let file = folder.path().join(name);

@@ -5,6 +5,7 @@ use machine::Machine;
 use plant_sim::plant_file::PlantFile;
 use plant_sim::script::{faults, orders};
 
+use crate::size;
 use crate::support::{Bench, run_with};
 
 /// Two lines, an arc with a reversal of each axis, a dwell: about a second.
@@ -215,6 +216,7 @@ fn samples_dropped_delayed_and_corrupted() {
             scripts.push(fault(303, process, &what));
         }
     }
+    let scripts = size::one_in(3, scripts);
     let scripts: Vec<(&str, &str, &str)> = scripts
         .iter()
         .map(|s| (s.as_str(), s.as_str(), ""))

@@ -1,11 +1,13 @@
 //! A short soak: the long one is `quadrant-lab soak machines/xy --kills 500` (docs/developers/measurements.md).
 
+use crate::size;
 use crate::support::quadrant;
 
 #[test]
-fn a_dozen_live_kills_break_nothing() {
+fn live_kills_break_nothing() {
+    let kills = size::number("KILLS", 6, 12).to_string();
     let soak = quadrant()
-        .args(["soak", "machines/xy", "--kills", "12", "--seed", "7"])
+        .args(["soak", "machines/xy", "--kills", &kills, "--seed", "7"])
         .output()
         .expect("a soak");
     let printed = String::from_utf8_lossy(&soak.stdout);
