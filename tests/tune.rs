@@ -51,7 +51,36 @@ fn untuned(plant: &[(&str, &str)]) -> Bench {
 }
 
 /// Without the slow circle, which takes most of the time and none of these tests asks for.
-fn quick() -> [&'static str; 2] {
+const QUICK: [&str; 2] = ["--circles", "25:3000,10:10000"];
+
+fn tune(machine: &Path, more: &[&str]) -> Output {
+    quadrant()
+        .arg("tune")
+        .arg(machine)
+        .args(more)
+        .output()
+        .expect("quadrant tune")
+}
+
+fn words(output: &Output) -> String {
+    format!(
+        "{}{}",
+        String::from_utf8_lossy(&output.stdout),
+        String::from_utf8_lossy(&output.stderr)
+    )
+}
+
+fn near(what: &str, found: f64, right: f64, percent: f64) {
+    assert!(
+        (found / right - 1.0).abs() * 100.0 <= percent,
+        "{what} {found}, really {right}"
+    );
+}
+
+#[test]
+fn from_untuned_gains_it_finds_the_machine_and_its_circles_are_round_to_4_um() {
+    let bench = untuned(&[]);
+    let old = fs::read_to_string(bench.path().join("machine.toml")).expect("machine.toml");
     // In place of R100 F1000 one that turns as gently in half the time.
     let gentle = ["--circles", "25:3000,10:10000,25:500"];
     let circles: &[&str] = if size::is_full() { &[] } else { &gentle };
@@ -134,7 +163,7 @@ fn a_machine_whose_file_has_another_dead_time_is_tuned_for_the_one_that_its_driv
         return;
     }
     let bench = with_dead_time("xy", 3);
-    let output = tune(bench.path(), &quick());
+    let output = tune(bench.path(), &QUICK);
     assert_eq!(output.status.code(), Some(0), "{}", words(&output));
     let machine = Machine::load(bench.path()).expect("the new file");
     assert_eq!(machine.scan.dead_time_scans, 3);
@@ -164,7 +193,7 @@ fn a_machine_that_is_not_as_the_model_says_is_tuned_and_what_was_found_is_told()
         ("coulomb_n = ", "law = \"lugre\"\ncoulomb_n = "),
         (scale, &late),
     ]);
-    let output = tune(bench.path(), &quick());
+    let output = tune(bench.path(), &QUICK);
     let printed = words(&output);
     assert_eq!(output.status.code(), Some(0), "{printed}");
     assert!(printed.contains("2.00 ms late"), "{printed}");
@@ -186,7 +215,7 @@ fn a_machine_that_the_model_does_not_fit_is_refused_and_its_file_stays() {
     let bench = untuned(&[("stiffness_n_per_m = 1.2e8", "stiffness_n_per_m = 1.0e6")]);
     let file = bench.path().join("machine.toml");
     let old = fs::read_to_string(&file).expect("machine.toml");
-    let output = tune(bench.path(), &quick());
+    let output = tune(bench.path(), &QUICK);
     assert_eq!(output.status.code(), Some(1), "{}", words(&output));
     let printed = words(&output);
     assert!(
@@ -206,7 +235,7 @@ fn an_axis_that_trips_during_the_test_motions_is_named_and_nothing_is_written() 
         "following_error_limit_mm = 0.02",
     );
     fs::write(&file, &old).expect("machine.toml");
-    let output = tune(bench.path(), &quick());
+    let output = tune(bench.path(), &QUICK);
     assert_eq!(output.status.code(), Some(1), "{}", words(&output));
     let printed = words(&output);
     assert!(
@@ -230,7 +259,7 @@ fn an_axis_without_a_scale_says_so_and_takes_its_lost_motion_as_reported_and_a_d
         bench.path(),
         &[
             &["--dry-run", "--lost-motion-um", "X=8.3,Y=12.3"],
-            &quick()[..],
+            &QUICK[..],
         ]
         .concat(),
     );
@@ -280,7 +309,7 @@ fn a_machine_that_rings_gets_motion_that_spares_it() {
         )
         .replace("damping_ratio = 0.08", "damping_ratio = 0.02");
     fs::write(&file, soft).expect("plant.toml");
-    let output = tune(bench.path(), &quick());
+    let output = tune(bench.path(), &QUICK);
     let said = words(&output);
     assert_eq!(output.status.code(), Some(0), "{said}");
     assert!(said.contains("motion is made to spare"), "{said}");
