@@ -156,11 +156,11 @@ fn a_limit_of_file_sizes_is_said_and_kills_nobody() {
     assert!(said.contains("ulimit -f"), "{said}");
 
     let program = folder.path().join("long.ngc");
-    // 25 s of motion, 24 MB.
-    let turns = "G3 X25 Y0 I-25 J0 F3000\n".repeat(8);
+    // 50 s of motion, 48 MB.
+    let turns = "G3 X25 Y0 I-25 J0 F3000\n".repeat(16);
     let moves = format!("G21 G17 G90 G94\nG0 X25 Y0\n{turns}M2\n");
     std::fs::write(&program, moves).expect("a file");
-    let output = with_file_size(10_000, &program, &out, &cell);
+    let output = with_file_size(40_000, &program, &out, &cell);
     let said = words(&output);
     assert!(!said.contains("killed by signal"), "{said}");
     assert!(said.contains("File too large"), "{said}");
