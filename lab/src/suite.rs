@@ -64,7 +64,9 @@ pub fn suite(options: &SuiteOptions) -> Outcome {
         let ended = run(executable, options).environment()?;
         let (wall_s, count) = (begun.elapsed().as_secs_f64(), ended.len());
         let processors_s = children_s() - processors_s;
-        println!("{wall_s:7.1}  {processors_s:13.1}  {count:5}  {name}");
+        if count > 0 {
+            println!("{wall_s:7.1}  {processors_s:13.1}  {count:5}  {name}");
+        }
         for test in ended {
             let module = test.name.split("::").next().unwrap_or_default();
             *modules.entry(format!("{name} {module}")).or_default() += test.seconds;
