@@ -73,7 +73,7 @@ pub struct AuxiliaryLatches {
     pub events_done: u32,
     /// 1 clockwise, 2 counter-clockwise, 0 at rest.
     pub direction: u32,
-    /// [`Waiting`]: the stop that the operator ends.
+    /// [`Waiting`](bus::sample::Waiting): the stop that the operator ends.
     pub stopped_for: u32,
     /// Its line.
     pub line: u32,

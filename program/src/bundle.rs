@@ -44,7 +44,7 @@ pub fn read_program(file: &Path, folders: &[PathBuf]) -> Result<String, ProgramE
     Ok(text)
 }
 
-/// Writes what [`read_program`] gives, of any length: a small part of it is in memory at a time.
+/// Writes what `read_program` gives, of any length: a small part of it is in memory at a time.
 ///
 /// # Errors
 /// A file that cannot be read or is not text, or what is written to.

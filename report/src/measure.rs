@@ -1,5 +1,5 @@
 //! What a run was like, measured on the stream of its samples: the same code for samples from the wire and from the
-//! log, and the same result however the channels were interleaved ([`crate::align`]).
+//! log, and the same result however the channels were interleaved (`align`).
 //!
 //! Everything about the path is measured on the *table* as the bench's instruments saw it, in the terms of
 //! ISO 230-4:2022 (circular tests) and ISO 230-1 (contour deviations); where an arm is in for Y, on the part.
