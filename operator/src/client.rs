@@ -123,11 +123,7 @@ impl Client {
     /// Drives on: answered when they are. In words, behind the name of the cell.
     pub(super) fn enable(&self) -> Result<String, Failure> {
         let mut eyes = Eyes::open(self)?;
-        let request = OperatorRequest {
-            order: Order::Enable as u32,
-            ..OperatorRequest::default()
-        };
-        let answer = self.ask(Order::Enable, request)?;
+        let answer = self.ask(Order::Enable, OperatorRequest::default())?;
         let now = eyes.until_enabled(answer.scan)?;
         let words = enabled(Mode::from_wire(now.mode), now.hold);
         Ok(named(self.cell.place.name(), words))
@@ -172,6 +168,12 @@ impl Client {
         axis.map_or("?", |axis| axis.name.as_str())
     }
 
+    /// Index of the axis that programs name so.
+    pub(super) fn axis_index(&self, letter: &str) -> Result<u32, Failure> {
+        let index = self.machine.program_axis_index(&letter.to_uppercase());
+        index.map_err(|error| Failure::Input(anyhow!(error)))
+    }
+
     /// Unit of an axis's distances.
     pub fn unit(&self, axis: u32) -> &'static str {
         let axis = self.machine.axes.get(axis as usize);
@@ -181,7 +183,6 @@ impl Client {
     /// Sends an order without an axis; what came of it, in words, behind the name of the cell.
     pub(super) fn order(&self, order: Order, value: f64) -> Result<String, Failure> {
         let request = OperatorRequest {
-            order: order as u32,
             value,
             ..OperatorRequest::default()
         };
@@ -245,6 +246,10 @@ impl Client {
         request: OperatorRequest,
     ) -> Result<OperatorResponse, Failure> {
         let cell = self.cell.place.name();
+        let request = OperatorRequest {
+            order: order as u32,
+            ..request
+        };
         let asked = Instant::now();
         loop {
             let pending = operator

@@ -94,10 +94,7 @@ pub fn jog(options: &JogOptions) -> Outcome {
     if jog_tool::is_asked(&client.machine, words, options) {
         return jog_tool::jog(&client, &asked, options);
     }
-    let ways = ways_of(words, |letter| {
-        let index = client.machine.program_axis_index(letter);
-        index.map_err(|e| Failure::Input(anyhow!(e)))
-    })?;
+    let ways = ways_of(words, |letter| client.axis_index(letter))?;
     let speed_mm_s = options.speed.unwrap_or(0.0) / 60.0;
     match asked {
         Asked::Held(_) => until_interrupted(&client, &ways, speed_mm_s),
@@ -132,7 +129,6 @@ fn by_distances(
     let now = eyes.look()?;
     let places = Places::of(client, &now, options)?;
     let mut request = OperatorRequest {
-        order: Order::Jog as u32,
         speed_mm_s,
         ..OperatorRequest::default()
     };
@@ -373,8 +369,7 @@ pub fn click_numbered(
     (session, number, seen): (u32, u32, u64),
 ) -> Result<(Click, String), Failure> {
     let client = Client::find(Some(cell), "clicks")?;
-    let axis = client.machine.program_axis_index(&letter.to_uppercase());
-    let axis = axis.map_err(|e| Failure::Input(anyhow!(e)))?;
+    let axis = client.axis_index(letter)?;
     let mut clicks = Clicks {
         session,
         number: number.saturating_sub(1),
@@ -420,7 +415,6 @@ impl<'a> Clicks<'a> {
     ) -> Result<Click, Failure> {
         self.number += 1;
         let request = OperatorRequest {
-            order: Order::Jog as u32,
             axis,
             value: way,
             speed_mm_s,
@@ -450,7 +444,6 @@ impl<'a> Clicks<'a> {
     /// Nobody answers.
     pub fn end(&mut self) -> Result<(), Failure> {
         let request = OperatorRequest {
-            order: Order::JogRenew as u32,
             session: self.session,
             ..OperatorRequest::default()
         };
@@ -557,7 +550,6 @@ pub struct JogAsked {
 impl JogAsked {
     fn request(&self, session: u32, now: &Feedback) -> OperatorRequest {
         OperatorRequest {
-            order: Order::JogOn as u32,
             axis: self.axis,
             value: self.direction,
             speed_mm_s: self.speed_mm_s,
@@ -658,7 +650,6 @@ impl<'a> JogSender<'a> {
         speed_mm_s: f64,
     ) -> Result<bool, Failure> {
         let request = OperatorRequest {
-            order: Order::JogRenew as u32,
             speed_mm_s,
             latest_scan: match deadline_scans {
                 0 => 0,

@@ -12,6 +12,7 @@ use machine::{AxisKind, KeptFiles, Machine, machine_file};
 use super::client::Client;
 use super::eyes::Eyes;
 use console::exit::{Failure, Kind};
+use console::output::say;
 
 /// A machine, with what its next program begins with.
 pub(super) struct Subject {
@@ -49,6 +50,12 @@ impl Subject {
     pub fn name(&self) -> &str {
         let cell = self.client.as_ref().map(|client| client.cell.place.name());
         cell.unwrap_or(&self.machine.name)
+    }
+
+    /// Says what holds from the next start on, by this file.
+    pub fn say_changed(&self, what: &str, file: &Path) {
+        let (name, file) = (self.name(), file.display());
+        say(&format!("{name}: {what}, from the next start on ({file})"));
     }
 
     /// Refuses a change while a cell that uses this file has a program started: what a run begins with stays.

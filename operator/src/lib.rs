@@ -1,6 +1,5 @@
 //! Orders to a running cell: each asks the master, waits for its answer and says what happened.
 
-use anyhow::anyhow;
 use bus::sample::{OperatorRequest, Order};
 
 mod client;
@@ -85,8 +84,7 @@ pub fn home(options: &HomeOptions) -> Outcome {
     let client = Client::to_order(options.to.cell.as_deref())?;
     let mut axes = 0u32;
     for letter in &options.axes {
-        let axis = client.machine.program_axis_index(&letter.to_uppercase());
-        axes |= 1 << axis.map_err(|e| Failure::Input(anyhow!(e)))?;
+        axes |= 1 << client.axis_index(letter)?;
     }
     let machine = client.machine.axes.iter().enumerate();
     let homed = machine.filter(|(index, axis)| match axes {
@@ -97,7 +95,6 @@ pub fn home(options: &HomeOptions) -> Outcome {
         .map(|(index, axis)| (index, axis.name.as_str()))
         .unzip();
     let request = OperatorRequest {
-        order: Order::Home as u32,
         value: f64::from(axes),
         ..OperatorRequest::default()
     };

@@ -30,7 +30,7 @@ pub fn offsets(options: &OffsetsOptions) -> Outcome {
                 .map(|word| value_of(&subject.machine, first, word))
                 .collect::<Result<Vec<_>, _>>()?;
             change(&subject, &file, |now| now.extend(values))?;
-            say(&told(&subject, &file, &offset.to_uppercase())?);
+            told(&subject, &file, &offset.to_uppercase())?;
         }
         Some(OffsetsChange::Clear { offset }) => {
             let offset = offset.to_uppercase();
@@ -41,7 +41,7 @@ pub fn offsets(options: &OffsetsOptions) -> Outcome {
             change(&subject, &file, |now| {
                 now.retain(|number, _| !group.contains(number));
             })?;
-            say(&told(&subject, &file, &offset)?);
+            told(&subject, &file, &offset)?;
         }
     }
     Ok(())
@@ -78,8 +78,7 @@ pub fn zero(options: &ZeroOptions) -> Outcome {
         judge(machine, *number, first, *value)?;
     }
     change(&subject, &file, |now| now.extend(values))?;
-    say(&told(&subject, &file, offset)?);
-    Ok(())
+    told(&subject, &file, offset)
 }
 
 fn file_of(subject: &Subject) -> Result<PathBuf, Failure> {
@@ -160,10 +159,8 @@ fn judge(machine: &Machine, parameter: u32, first: u32, value: f64) -> Result<()
 }
 
 fn axis_of(machine: &Machine, letter: char) -> Option<&Axis> {
-    machine
-        .axes
-        .iter()
-        .find(|axis| axis.name.starts_with(letter))
+    let mut axes = machine.axes.iter();
+    axes.find(|axis| axis.name.starts_with(letter))
 }
 
 fn change(
@@ -175,8 +172,8 @@ fn change(
     written(update_offsets(file, &subject.machine, change))
 }
 
-/// What a work offset is now, in a line.
-fn told(subject: &Subject, file: &Path, offset: &str) -> Result<String, Failure> {
+/// Says what a work offset is now.
+fn told(subject: &Subject, file: &Path, offset: &str) -> Outcome {
     let mut machine = subject.machine.clone();
     let kept = subject.files.read(&machine).input()?;
     machine.take_kept(kept).input()?;
@@ -194,12 +191,8 @@ fn told(subject: &Subject, file: &Path, offset: &str) -> Result<String, Failure>
         ))
     });
     let values: Vec<String> = values.collect();
-    Ok(format!(
-        "{}: {offset} is {}, from the next start on ({})",
-        subject.name(),
-        values.join("  "),
-        file.display()
-    ))
+    subject.say_changed(&format!("{offset} is {}", values.join("  ")), file);
+    Ok(())
 }
 
 /// The work offsets, a line each.

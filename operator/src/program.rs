@@ -226,7 +226,6 @@ impl Laid {
         request: OperatorRequest,
     ) -> Result<OperatorResponse, Failure> {
         let request = OperatorRequest {
-            order: Order::Load as u32,
             value: f64::from(self.number),
             ..request
         };
@@ -285,7 +284,6 @@ fn begin(
         client.order(Order::SingleBlock, 1.0)?;
     }
     let request = OperatorRequest {
-        order: Order::Start as u32,
         value: f64::from(options.line.unwrap_or(0)),
         // A line is one of the program that was looked at.
         session: if options.line.is_some() {
@@ -469,11 +467,7 @@ pub fn down(options: &OperatorOptions) -> Outcome {
     let cell = client.cell.place.name().to_string();
     let launcher = watch(client.cell.page.launcher_pid())
         .map_err(|_| Failure::Stopped(anyhow!("cell {cell:?} has just ended")))?;
-    let request = OperatorRequest {
-        order: Order::Down as u32,
-        ..OperatorRequest::default()
-    };
-    if let Err(failure) = client.ask(Order::Down, request)
+    if let Err(failure) = client.ask(Order::Down, OperatorRequest::default())
         && !ends_by_itself(&client, &launcher)
     {
         // Nobody there to answer: its launcher ends what is left of it.

@@ -36,17 +36,15 @@ pub fn tool(options: &ToolOptions) -> Outcome {
                 now.retain(|tool| tool.number != number);
                 now.push(changed.clone());
             })?;
-            told(&subject, &changed, &file);
+            let keys = keys_of(&changed).into_iter();
+            let keys: Vec<String> = keys.map(|(key, value)| format!("{key} {value}")).collect();
+            subject.say_changed(&format!("T{number} is {}", keys.join(", ")), &file);
         }
         Some(ToolChangeOptions::Remove { tool }) => {
             let number = number_of(tool)?;
             let file = file_of(&subject)?;
-            if !subject
-                .machine
-                .tools
-                .iter()
-                .any(|tool| tool.number == number)
-            {
+            let mut tools = subject.machine.tools.iter();
+            if !tools.any(|tool| tool.number == number) {
                 return Err(Failure::Input(anyhow!(
                     "T{number}: the tool table has {}",
                     known(&subject)
@@ -55,26 +53,10 @@ pub fn tool(options: &ToolOptions) -> Outcome {
             change(&subject, &file, |now| {
                 now.retain(|tool| tool.number != number)
             })?;
-            say(&format!(
-                "{}: T{number} is removed, from the next start on ({})",
-                subject.name(),
-                file.display()
-            ));
+            subject.say_changed(&format!("T{number} is removed"), &file);
         }
     }
     Ok(())
-}
-
-fn told(subject: &Subject, tool: &Tool, file: &Path) {
-    let keys = keys_of(tool).into_iter();
-    let keys: Vec<String> = keys.map(|(key, value)| format!("{key} {value}")).collect();
-    say(&format!(
-        "{}: T{} is {}, from the next start on ({})",
-        subject.name(),
-        tool.number,
-        keys.join(", "),
-        file.display()
-    ));
 }
 
 fn known(subject: &Subject) -> String {

@@ -57,10 +57,7 @@ pub fn wheel(options: &WheelOptions) -> Outcome {
         )));
     }
     let client = Client::to_order(options.to.cell.as_deref())?;
-    let axis = client
-        .machine
-        .program_axis_index(&options.axis.to_uppercase());
-    let axis = axis.map_err(|error| Failure::Input(anyhow!(error)))?;
+    let axis = client.axis_index(&options.axis)?;
     let Some(settings) = client.machine.axes.get(axis as usize) else {
         return Ok(());
     };
@@ -75,7 +72,6 @@ pub fn wheel(options: &WheelOptions) -> Outcome {
         place: client.place()?,
         settings,
         request: OperatorRequest {
-            order: Order::Wheel as u32,
             axis,
             value: options.per_count,
             session: session(),
