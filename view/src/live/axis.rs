@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 
 use bus::sample::{AxisCommand, AxisFeedback, Redundancy, Reference};
 use machine::{Axis, TURN_DEG};
-use remote::wire::CommandState;
+use remote::wire::{AxisState, CommandState};
 use report::turns::Turns;
 
 /// Looks that the history holds: 24 s.
@@ -19,44 +19,12 @@ pub struct AxisView {
     pub unit: &'static str,
     /// Unit of its deviations.
     pub error_unit: &'static str,
-    /// Command position, in mm (degrees).
-    pub command_mm: f64,
-    /// Motor encoder, or scale where the servo uses it, in mm (degrees).
-    pub feedback_mm: f64,
-    /// Following error now, in µm (thousandths of a degree); none before a command was seen.
-    pub error_um: Option<f64>,
-    /// Its largest magnitude since this observer came.
-    pub error_peak_um: f64,
+    /// What is known of it now, as a view on another machine gets it.
+    pub now: AxisState,
     /// Following error that trips the axis, in µm.
     pub error_limit_um: f64,
     /// Largest magnitude between two looks, newest last.
     pub error_history_um: VecDeque<f64>,
-    /// Speed measured by the drive, in mm/s (degrees/s).
-    pub velocity_mm_s: f64,
-    /// The newest command of the servo that drives.
-    pub commanded: Option<CommandState>,
-    /// Torque, in N·m.
-    pub torque_nm: f64,
-    /// The same as a share of the motor's rated torque.
-    pub torque_share: f64,
-    /// Whether the torque is at its limit.
-    pub torque_limited: bool,
-    /// Winding above ambient, in K.
-    pub winding_k: f64,
-    /// Scans without a command in time, in all.
-    pub missed_scans: u32,
-    /// The same, in a row until now.
-    pub missed_in_a_row: u32,
-    /// Whether its standby could take over.
-    pub redundancy: Redundancy,
-    /// Scans in a row in which it could not.
-    pub unsynchronised_scans: u32,
-    /// How often the two servos have commanded different things.
-    pub differences: u32,
-    /// Role of the servo that drives: 0 for a, 1 for b.
-    pub role: u32,
-    /// Whether its positions are those of the machine.
-    pub reference: Reference,
     absolute: bool,
     modulo: bool,
     increment_mm: f64,
@@ -78,25 +46,27 @@ impl AxisView {
             name: axis.name.clone(),
             unit: axis.kind.unit(),
             error_unit: axis.kind.deviation_unit(),
-            command_mm: 0.0,
-            feedback_mm: 0.0,
-            error_um: None,
-            error_peak_um: 0.0,
+            now: AxisState {
+                command_mm: 0.0,
+                feedback_mm: 0.0,
+                velocity_mm_s: 0.0,
+                torque_nm: 0.0,
+                winding_k: 0.0,
+                torque_limited: false,
+                missed_scans: 0,
+                missed_in_a_row: 0,
+                redundancy: Redundancy::Alone as u32,
+                unsynchronised_scans: 0,
+                differences: 0,
+                role: 0,
+                reference: Reference::Known as u32,
+                command: None,
+                error_um: None,
+                error_peak_since_um: None,
+                error_peak_um: 0.0,
+            },
             error_limit_um: axis.following_error_limit_mm * 1e3,
             error_history_um: VecDeque::with_capacity(HISTORY),
-            velocity_mm_s: 0.0,
-            commanded: None,
-            torque_nm: 0.0,
-            torque_share: 0.0,
-            torque_limited: false,
-            winding_k: 0.0,
-            missed_scans: 0,
-            missed_in_a_row: 0,
-            redundancy: Redundancy::Alone,
-            unsynchronised_scans: 0,
-            differences: 0,
-            role: 0,
-            reference: Reference::Known,
             absolute: axis.homing.is_none(),
             modulo: axis.modulo,
             increment_mm,
@@ -122,25 +92,29 @@ impl AxisView {
 
     /// Takes the feedback of one scan; a reversal, if its command has gone far enough in a new direction.
     pub fn feedback(&mut self, scan: u64, sample: &AxisFeedback, driven: bool) -> Option<Turn> {
-        self.command_mm = self.shown(sample.command_position);
         let position = if self.by_scale {
             sample.scale_position
         } else {
             sample.motor_position
         };
-        self.feedback_mm = self.shown(position);
-        self.velocity_mm_s = sample.velocity_mm_s;
-        self.torque_nm = sample.torque_nm;
-        self.torque_share = sample.torque_nm / self.rated_nm;
-        self.torque_limited = sample.torque_limited == 1;
-        self.winding_k = sample.winding_k;
-        self.missed_scans = sample.missed_scans;
-        self.missed_in_a_row = sample.missed_in_a_row;
-        self.redundancy = Redundancy::from_wire(sample.redundancy).unwrap_or(Redundancy::Lost);
-        self.unsynchronised_scans = sample.unsynchronised_scans;
-        self.differences = sample.differences;
-        self.role = sample.taken_role;
-        self.reference = Reference::from_wire(sample.reference).unwrap_or(Reference::Missing);
+        let redundancy = Redundancy::from_wire(sample.redundancy).unwrap_or(Redundancy::Lost);
+        let reference = Reference::from_wire(sample.reference).unwrap_or(Reference::Missing);
+        self.now = AxisState {
+            command_mm: self.shown(sample.command_position),
+            feedback_mm: self.shown(position),
+            velocity_mm_s: sample.velocity_mm_s,
+            torque_nm: sample.torque_nm,
+            winding_k: sample.winding_k,
+            torque_limited: sample.torque_limited == 1,
+            missed_scans: sample.missed_scans,
+            missed_in_a_row: sample.missed_in_a_row,
+            redundancy: redundancy as u32,
+            unsynchronised_scans: sample.unsynchronised_scans,
+            differences: sample.differences,
+            role: sample.taken_role,
+            reference: reference as u32,
+            ..self.now
+        };
         if !driven {
             self.turns.interrupt();
             return None;
@@ -150,7 +124,7 @@ impl AxisView {
 
     /// Takes the command of the servo that drives; its following error in µm, if it is a number.
     pub fn command(&mut self, command: &AxisCommand) -> Option<f64> {
-        self.commanded = Some(CommandState {
+        self.now.command = Some(CommandState {
             scan: command.scan,
             position_mm: command.position as f64 * self.increment_mm,
             velocity_mm_s: command.velocity_mm_s,
@@ -159,16 +133,35 @@ impl AxisView {
             friction_unexplained: command.friction_unexplained,
         });
         let error_um = Some(command.following_error_mm * 1e3).filter(|error| error.is_finite())?;
-        self.error_um = Some(error_um);
-        self.error_peak_um = self.error_peak_um.max(error_um.abs());
-        let peak_um = self.frame_peak_um.unwrap_or(0.0).max(error_um.abs());
-        self.frame_peak_um = Some(peak_um);
+        self.now.error_um = Some(error_um);
+        self.now.error_peak_um = self.now.error_peak_um.max(error_um.abs());
+        self.peaked(error_um.abs());
         Some(error_um)
+    }
+
+    /// A magnitude of the following error in this look.
+    fn peaked(&mut self, error_um: f64) {
+        self.frame_peak_um = Some(self.frame_peak_um.unwrap_or(0.0).max(error_um));
+    }
+
+    /// Torque as a share of the motor's rated torque.
+    pub fn torque_share(&self) -> f64 {
+        self.now.torque_nm / self.rated_nm
+    }
+
+    /// Whether its standby could take over.
+    pub fn redundancy(&self) -> Redundancy {
+        Redundancy::from_wire(self.now.redundancy).unwrap_or(Redundancy::Lost)
+    }
+
+    /// Whether its positions are those of the machine.
+    pub fn reference(&self) -> Reference {
+        Reference::from_wire(self.now.reference).unwrap_or(Reference::Missing)
     }
 
     /// How it knows its place, in words.
     pub fn reference_words(&self) -> &'static str {
-        match self.reference {
+        match self.reference() {
             Reference::Known if self.absolute => "absolute",
             Reference::Missing if self.absolute => "no reference",
             reference => reference.words(),
@@ -177,14 +170,14 @@ impl AxisView {
 
     /// The same where it has no absolute encoder; none where there is nothing to say.
     pub fn homing_words(&self) -> Option<&'static str> {
-        let silent = self.absolute && self.reference == Reference::Known;
+        let silent = self.absolute && self.reference() == Reference::Known;
         (!silent).then(|| self.reference_words())
     }
 
     /// Friction that the servo goes by and what the last way between two reversals left unexplained, as parts; none where the axis does
     /// not follow friction.
     pub fn friction(&self) -> Option<(f64, f64)> {
-        let command = self.commanded.filter(|_| self.follows_friction)?;
+        let command = self.now.command.filter(|_| self.follows_friction)?;
         Some((command.friction_level, command.friction_unexplained))
     }
 
@@ -213,26 +206,10 @@ impl AxisView {
 #[cfg(any(feature = "remote", test))]
 impl AxisView {
     /// Takes what somebody on the spot has seen of this axis.
-    pub fn reported(&mut self, message: &remote::wire::AxisState) {
-        self.command_mm = message.command_mm;
-        self.feedback_mm = message.feedback_mm;
-        self.velocity_mm_s = message.velocity_mm_s;
-        self.torque_nm = message.torque_nm;
-        self.torque_share = message.torque_nm / self.rated_nm;
-        self.torque_limited = message.torque_limited;
-        self.winding_k = message.winding_k;
-        self.missed_scans = message.missed_scans;
-        self.missed_in_a_row = message.missed_in_a_row;
-        self.redundancy = Redundancy::from_wire(message.redundancy).unwrap_or(Redundancy::Lost);
-        self.unsynchronised_scans = message.unsynchronised_scans;
-        self.differences = message.differences;
-        self.role = message.role;
-        self.reference = Reference::from_wire(message.reference).unwrap_or(Reference::Missing);
-        self.error_um = message.error_um;
-        self.error_peak_um = message.error_peak_um;
-        self.commanded = message.command;
+    pub fn reported(&mut self, message: &AxisState) {
+        self.now = message.clone();
         if let Some(peak_um) = message.error_peak_since_um {
-            self.frame_peak_um = Some(self.frame_peak_um.unwrap_or(0.0).max(peak_um));
+            self.peaked(peak_um);
         }
     }
 }

@@ -166,18 +166,12 @@ impl CircleView {
             self.leave();
             return None;
         };
-        let goes_on = self.running
-            && self.last_scan.is_some_and(|last| last + 1 == scan)
-            && self
-                .circle
-                .as_ref()
-                .is_some_and(|before| before.is_the_same(&now));
+        let before = self.circle.as_ref();
+        let known = before.is_some_and(|before| before.is_the_same(&now));
+        let follows = self.last_scan.is_some_and(|last| last + 1 == scan);
+        let goes_on = self.running && follows && known;
         if !goes_on {
             self.since_scan = scan;
-            let known = self
-                .circle
-                .as_ref()
-                .is_some_and(|before| before.is_the_same(&now));
             if !known {
                 self.deviation = vec![None; BINS];
             }

@@ -114,33 +114,31 @@ fn bottom_rows(screen: &Screen<'_>, width: u16) -> u16 {
     }
 }
 
+const KEYS: &str =
+    " h hold r resume s stop b blocks +- override j jog : block ! estop ? help q quit";
+const CONFIRM_STOP: &str =
+    " stop? the tool comes to rest, a `quadrant run` ends.  y stop   other keys: no";
+const CONFIRM_HOME: &str =
+    " home? all axes that have to be homed move, one after another.  y home   other keys: no";
+const CONFIRM_RESUME: &str =
+    " resume? the drives come on and the tool moves back to the path.  y resume   other keys: no";
+
 fn bottom_line(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
     let palette = screen.palette;
-    let line = match &screen.prompt {
-        Prompt::Keys if screen.model.link.is_some() => Line::styled(
-            " seen from another machine, read only   ? help   q quit this view",
-            palette.quiet(),
-        ),
-        Prompt::Keys => Line::styled(
-            " h hold r resume s stop b blocks +- override j jog : block ! estop ? help q quit",
-            palette.quiet(),
-        ),
-        Prompt::ConfirmStop => Line::styled(
-            " stop? the tool comes to rest, a `quadrant run` ends.  y stop   other keys: no",
-            palette.warn(),
-        ),
-        Prompt::ConfirmHome => Line::styled(
-            " home? all axes that have to be homed move, one after another.  y home   other keys: no",
-            palette.warn(),
-        ),
-        Prompt::ConfirmResume => Line::styled(
-            " resume? the drives come on and the tool moves back to the path.  y resume   other keys: no",
-            palette.warn(),
-        ),
-        Prompt::Block(text) => Line::styled(format!(" :{text}▏"), palette.warn()),
-        Prompt::Jog(words) => Line::styled(format!(" {words}"), palette.warn()),
-        Prompt::Answer(tone, words) => Line::styled(format!(" {words}"), palette.of(*tone)),
+    let (style, words) = match &screen.prompt {
+        Prompt::Keys if screen.model.link.is_some() => {
+            let words = " seen from another machine, read only   ? help   q quit this view";
+            (palette.quiet(), words.into())
+        }
+        Prompt::Keys => (palette.quiet(), KEYS.into()),
+        Prompt::ConfirmStop => (palette.warn(), CONFIRM_STOP.into()),
+        Prompt::ConfirmHome => (palette.warn(), CONFIRM_HOME.into()),
+        Prompt::ConfirmResume => (palette.warn(), CONFIRM_RESUME.into()),
+        Prompt::Block(text) => (palette.warn(), format!(" :{text}▏")),
+        Prompt::Jog(words) => (palette.warn(), format!(" {words}")),
+        Prompt::Answer(tone, words) => (palette.of(*tone), format!(" {words}")),
     };
+    let line = Line::styled(words, style);
     let whole = Paragraph::new(line).wrap(Wrap { trim: false });
     frame.render_widget(whole, area);
 }

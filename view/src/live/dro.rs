@@ -2,7 +2,7 @@
 
 use bus::sample::{Feedback, ProgramState};
 use machine::offsets_file::WORK_OFFSETS;
-use machine::{Axis, AxisKind, Machine};
+use machine::{AxisKind, Machine};
 use path::geometry::{Element, Feed, Path, Shape};
 use path::kinematics::Kinematics;
 use program::Modes;
@@ -214,11 +214,6 @@ fn moves_rotary_axes_alone(machine: &Machine, element: &Element) -> bool {
 fn speed_mm_min(model: &Model, kind: AxisKind) -> f64 {
     let axes = model.machine.program_axes().iter().zip(&model.axes);
     let of_kind = axes.filter(|(axis, _)| axis.kind == kind);
-    let square: f64 = of_kind.map(|(_, of)| of.velocity_mm_s.powi(2)).sum();
+    let square: f64 = of_kind.map(|(_, of)| of.now.velocity_mm_s.powi(2)).sum();
     square.sqrt() * 60.0
-}
-
-/// Unit of an axis at the end of a name.
-pub fn is_rotary(axis: &Axis) -> bool {
-    axis.kind == AxisKind::Rotary
 }

@@ -60,6 +60,11 @@ impl Events {
         self.note_as(self.count + 1, scan, weight, text);
     }
 
+    /// Notes what somebody should look at.
+    fn warn(&mut self, scan: u64, text: String) {
+        self.note(scan, Weight::Warning, text);
+    }
+
     /// Notes an event that has a number of its own.
     pub fn note_as(&mut self, number: u64, scan: u64, weight: Weight, text: String) {
         if self.last.len() == KEPT {
@@ -117,8 +122,7 @@ impl Events {
             return;
         };
         if now.incarnation != before.incarnation {
-            let text = "the master was restarted".into();
-            self.note(now.scan, Weight::Warning, text);
+            self.warn(now.scan, "the master was restarted".into());
         }
         if now.mode != before.mode {
             self.mode(now, machine);
@@ -132,16 +136,16 @@ impl Events {
             self.note(now.scan, Weight::Note, text.into());
         }
         if now.override_percent != before.override_percent {
-            let text = format!(
-                "override {} % → {} %",
-                before.override_percent, now.override_percent
+            let (from, to) = (before.override_percent, now.override_percent);
+            self.note(
+                now.scan,
+                Weight::Note,
+                format!("override {from} % → {to} %"),
             );
-            self.note(now.scan, Weight::Note, text);
         }
-        for change in report::auxiliary::switched(&before.inputs, &now.inputs) {
-            self.note(now.scan, Weight::Note, change);
-        }
-        for change in report::auxiliary::changes(&before.auxiliary, &now.auxiliary) {
+        let switched = report::auxiliary::switched(&before.inputs, &now.inputs);
+        let changes = report::auxiliary::changes(&before.auxiliary, &now.auxiliary);
+        for change in switched.into_iter().chain(changes) {
             self.note(now.scan, Weight::Note, change);
         }
         if now.overrun_scans > before.overrun_scans {
@@ -152,12 +156,11 @@ impl Events {
             let name = machine.axis_name(index);
             if axis.taken_role != earlier.taken_role {
                 let role = |role: u32| ROLES.get(role as usize).copied().unwrap_or("?");
-                let text = format!(
-                    "{name}: servo {} took over from {}",
-                    role(axis.taken_role),
-                    role(earlier.taken_role)
+                let (to, from) = (role(axis.taken_role), role(earlier.taken_role));
+                self.warn(
+                    now.scan,
+                    format!("{name}: servo {to} took over from {from}"),
                 );
-                self.note(now.scan, Weight::Warning, text);
             }
             self.standby(now.scan, name, axis, earlier);
             // Reported when it is over, so that one loss is one event.
@@ -179,8 +182,10 @@ impl Events {
             self.note(scan, weight, format!("{name}: standby {}", state.words()));
         }
         if axis.differences > earlier.differences {
-            let text = format!("{name}: its two servos command different things");
-            self.note(scan, Weight::Warning, text);
+            self.warn(
+                scan,
+                format!("{name}: its two servos command different things"),
+            );
         }
     }
 
@@ -191,18 +196,10 @@ impl Events {
         };
         match (mode, StopCause::if_any(machine, now)) {
             (Mode::Tripped, Some(cause)) => {
-                self.note(
-                    now.cause_scan,
-                    Weight::Warning,
-                    format!("TRIP {}", cause.short()),
-                );
+                self.warn(now.cause_scan, format!("TRIP {}", cause.short()));
             }
             (_, Some(cause)) if mode != Mode::Enabled => {
-                self.note(
-                    now.scan,
-                    Weight::Warning,
-                    format!("{}: {}", mode.word(), cause.short()),
-                );
+                self.warn(now.scan, format!("{}: {}", mode.word(), cause.short()));
             }
             _ => self.note(now.scan, Weight::Note, mode.word().into()),
         }
@@ -232,12 +229,11 @@ impl Events {
                 self.note(scan, Weight::Note, text);
             }
             if process.live == 1 && process.stalled != earlier.stalled && earlier.live == 1 {
-                let text = if process.stalled == 1 {
-                    format!("{name} stands still")
-                } else {
-                    format!("{name} goes on")
+                let how = match process.stalled {
+                    1 => "stands still",
+                    _ => "goes on",
                 };
-                self.note(scan, Weight::Warning, text);
+                self.warn(scan, format!("{name} {how}"));
             }
         }
     }

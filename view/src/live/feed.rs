@@ -1,5 +1,6 @@
 //! Takes samples from a running cell into a model; nobody in the cell waits for it.
 
+use std::iter::from_fn;
 use std::path::PathBuf;
 use std::rc::Rc;
 use std::time::{Duration, Instant};
@@ -16,6 +17,7 @@ use super::dro::ProgramTimes;
 use super::fieldbus::BusView;
 use super::model::Model;
 use super::ports::Ports;
+use super::source::Source;
 use super::timing::listen;
 use console::exit::Failure;
 use launcher::children::children_of;
@@ -71,29 +73,9 @@ impl Feed {
         })
     }
 
-    /// Takes whatever has come since the last look: at most what the queues hold.
-    pub fn look(&mut self) {
-        if self
-            .proc_seen
-            .is_none_or(|then| then.elapsed() > PROC_EVERY)
-        {
-            self.look_at_processes();
-        }
-        let Some(mut ports) = self.ports.take() else {
-            return;
-        };
-        self.drain(&mut ports);
-        self.model.bus = self.drive_page.as_ref().map(BusView::of);
-        self.ports = Some(ports);
-        self.model.end_of_look();
-    }
-
     fn drain(&mut self, ports: &mut Ports) {
-        let mut left = RECORDER_DEPTH_SCANS;
         let mut newest = None;
-        while left > 0
-            && let Some(feedback) = ports.feedback.any()
-        {
+        for feedback in from_fn(|| ports.feedback.any()).take(RECORDER_DEPTH_SCANS) {
             if newest.is_none() || self.read != Some(feedback.program_hash) {
                 self.read_program(&feedback);
             }
@@ -101,7 +83,6 @@ impl Feed {
             self.hear(&feedback);
             self.model.feedback(&feedback);
             newest = Some(feedback.scan);
-            left -= 1;
         }
         if self.model.ended {
             self.cell.note_last();
@@ -137,21 +118,11 @@ impl Feed {
         // What belongs to a scan later than the newest feedback waits for the next look.
         let now = self.model.feedback.map_or(0, |feedback| feedback.scan);
         for reader in &mut ports.commands {
-            let mut left = RECORDER_DEPTH_SCANS;
-            while left > 0
-                && let Some(command) = reader.next(now)
-            {
-                self.model.command(&command);
-                left -= 1;
-            }
+            let commands = from_fn(|| reader.next(now)).take(RECORDER_DEPTH_SCANS);
+            commands.for_each(|command| self.model.command(&command));
         }
-        let mut left = RECORDER_DEPTH_SCANS;
-        while left > 0
-            && let Some(sample) = ports.instruments.next(now)
-        {
-            self.model.instruments(&sample);
-            left -= 1;
-        }
+        let samples = from_fn(|| ports.instruments.next(now)).take(RECORDER_DEPTH_SCANS);
+        samples.for_each(|sample| self.model.instruments(&sample));
     }
 
     /// What the program has said; of what it said before this observer came, the last.
@@ -223,18 +194,64 @@ impl Feed {
         self.model.next_start = next_start(&self.machine, &self.cell.place, shown);
     }
 
-    /// Whether the cell is gone, or about to go.
-    pub fn has_ended(&self) -> bool {
-        self.model.ended || self.cell.is_gone()
-    }
-
     /// Whether nobody of the cell can be heard any more.
     pub fn is_gone(&self) -> bool {
         self.cell.is_gone()
     }
 
+    /// Text of the cell's machine file.
+    #[cfg(feature = "remote")]
+    pub fn machine_text(&self) -> std::io::Result<String> {
+        std::fs::read_to_string(self.cell.place.machine_file())
+    }
+}
+
+impl Source for Feed {
+    fn model(&self) -> &Model {
+        &self.model
+    }
+
+    /// Takes whatever has come since the last look: at most what the queues hold.
+    fn look(&mut self) {
+        if self
+            .proc_seen
+            .is_none_or(|then| then.elapsed() > PROC_EVERY)
+        {
+            self.look_at_processes();
+        }
+        let Some(mut ports) = self.ports.take() else {
+            return;
+        };
+        self.drain(&mut ports);
+        self.model.bus = self.drive_page.as_ref().map(BusView::of);
+        self.ports = Some(ports);
+        self.model.end_of_look();
+    }
+
+    fn is_whole(&self) -> bool {
+        self.model.is_whole()
+    }
+
+    /// Whether the cell is gone, or about to go.
+    fn has_ended(&self) -> bool {
+        self.model.ended || self.cell.is_gone()
+    }
+
+    /// In real time: waits at the scan's signal for `budget` and takes the periods between its rings. Elsewhere scans have no
+    /// period, and it sleeps.
+    fn watch_periods(&mut self, budget: Duration) {
+        if self.model.pace != Some(Pace::Realtime) {
+            std::thread::sleep(budget);
+            return;
+        }
+        let (page, timing) = (&self.cell.page, &mut self.model.timing);
+        listen(page.scan_signal(), budget, |period_ns| {
+            timing.take(period_ns)
+        });
+    }
+
     /// Where the run is over, goes over to the next cell of that name as soon as there is one.
-    pub fn follow(&mut self) {
+    fn follow(&mut self) {
         if !self.cell.is_gone() {
             return;
         }
@@ -245,22 +262,7 @@ impl Feed {
         }
     }
 
-    /// Text of the cell's machine file.
-    #[cfg(feature = "remote")]
-    pub fn machine_text(&self) -> std::io::Result<String> {
-        std::fs::read_to_string(self.cell.place.machine_file())
-    }
-
-    /// In real time: waits at the scan's signal for `budget` and takes the periods between its rings. Elsewhere scans have no
-    /// period, and it sleeps.
-    pub fn watch_periods(&mut self, budget: Duration) {
-        if self.model.pace != Some(Pace::Realtime) {
-            std::thread::sleep(budget);
-            return;
-        }
-        let (page, timing) = (&self.cell.page, &mut self.model.timing);
-        listen(page.scan_signal(), budget, |period_ns| {
-            timing.take(period_ns)
-        });
+    fn takes_orders(&self) -> bool {
+        true
     }
 }

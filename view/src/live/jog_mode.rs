@@ -11,8 +11,7 @@ use machine::{AxisKind, Increment, Machine, Manual};
 use operator::{Click, Clicks, Client, Eyes, JogAsked, JogSender};
 use ratatui::crossterm::event::KeyCode;
 
-use super::terminal::failure_words;
-use super::words::Tone;
+use super::words::{Tone, failure_words};
 
 /// Until the first repetition of a key.
 const FIRST: Duration = Duration::from_millis(700);

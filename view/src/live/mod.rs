@@ -29,7 +29,7 @@ pub mod remote_orders;
 mod reversal;
 #[cfg(feature = "remote")]
 pub mod serve;
-mod source;
+pub(crate) mod source;
 mod terminal;
 #[cfg(test)]
 mod test_support;

@@ -8,7 +8,7 @@ use bus::sample::{
     AxisCommand, Cause, Feedback, Instruments, Job, MAX_SUBSAMPLES, Mode, PlannerStatus,
     ProgramState, Roster, STANDBY_ALARM_S,
 };
-use machine::{GantryPair, Machine, Process};
+use machine::{Machine, Process};
 use path::geometry::{AxisVector, Element, Feed, Shape};
 use path::kinematics::Kinematics;
 use program::{Modal, Program};
@@ -172,7 +172,7 @@ impl Model {
 
     /// Whether everything has been heard of once.
     pub fn is_whole(&self) -> bool {
-        let errors = self.axes.iter().all(|axis| axis.error_um.is_some());
+        let errors = self.axes.iter().all(|axis| axis.now.error_um.is_some());
         self.feedback.is_some() && self.roster.is_some() && self.planner.is_some() && errors
     }
 
@@ -239,7 +239,7 @@ impl Model {
         let Some(axis) = self.axes.get_mut(index) else {
             return;
         };
-        if command.role != axis.role {
+        if command.role != axis.now.role {
             return;
         }
         let error_um = axis.command(command);
@@ -250,10 +250,17 @@ impl Model {
         }
     }
 
-    /// The gantries of the machine, each with its skew in µm, as far as it is known.
-    pub fn skews(&self) -> impl Iterator<Item = (GantryPair, f64)> + '_ {
-        let gantries = self.machine.gantries();
-        gantries.filter_map(|pair| Some((pair, self.skew_um(pair.follower)?)))
+    /// The skews of the machine's gantries in words, as far as they are known.
+    pub fn skew_words(&self) -> impl Iterator<Item = String> + '_ {
+        let name = |index| self.machine.axis_name(index);
+        self.machine.gantries().filter_map(move |pair| {
+            let skew_um = self.skew_um(pair.follower)?;
+            let (leader, follower) = (name(pair.leader), name(pair.follower));
+            let most_um = pair.skew_max_mm * 1e3;
+            Some(format!(
+                "skew of {leader} and {follower} {skew_um:+.1} µm, at most {most_um:.0}"
+            ))
+        })
     }
 
     /// How far the second motor of a gantry is ahead of its axis's first, in µm; none of other motors.
@@ -381,11 +388,12 @@ impl Model {
                     starts: participant.incarnation,
                     live,
                     stalled: participant.stalled == 1,
-                    drives: (job == Job::Servo)
-                        .then(|| live && axis.is_some_and(|axis| axis.role == participant.role)),
+                    drives: (job == Job::Servo).then(|| {
+                        live && axis.is_some_and(|axis| axis.now.role == participant.role)
+                    }),
                     redundancy: axis
-                        .filter(|axis| job == Job::Servo && axis.role != participant.role)
-                        .map(|axis| axis.redundancy as u32),
+                        .filter(|axis| job == Job::Servo && axis.now.role != participant.role)
+                        .map(|axis| axis.redundancy() as u32),
                     age_scans: age,
                     death: (participant.death_scan != u64::MAX && participant.death_scan != 0)
                         .then_some((participant.death_scan, participant.death_signal)),
@@ -396,9 +404,9 @@ impl Model {
 
     /// What there is to say of an axis that has been without its standby for too long.
     pub fn standby_alarm(&self, axis: &AxisView) -> Option<String> {
-        let since_s = f64::from(axis.unsynchronised_scans) * self.machine.scan_period_s();
+        let since_s = f64::from(axis.now.unsynchronised_scans) * self.machine.scan_period_s();
         (since_s > STANDBY_ALARM_S).then(|| {
-            let (name, state) = (&axis.name, axis.redundancy.words());
+            let (name, state) = (&axis.name, axis.redundancy().words());
             format!("axis {name} without its standby for {since_s:.0} s ({state})")
         })
     }
@@ -469,45 +477,27 @@ impl Model {
     /// The state in words.
     pub fn says(&self) -> Says {
         let Some(feedback) = &self.feedback else {
-            return Says {
-                symbol: "…",
-                state: "SILENT",
-                detail: "nothing has been heard of the master yet".into(),
-                next: "it is being started, or lost".into(),
-                tone: Tone::Waits,
-            };
+            let detail = "nothing has been heard of the master yet";
+            let next = "it is being started, or lost";
+            return Says::new("…", "SILENT", Tone::Waits, detail, next);
         };
         let mut says = words::says(feedback, &self.machine);
         if let Some(text) = self.given_up() {
             says.detail = format!("{}; {text}", says.detail);
         }
         if let Some(link) = self.link.as_ref().filter(|link| link.lost) {
-            says = Says {
-                symbol: "✖",
-                state: "NO LINK",
-                detail: format!("link lost for {:.1} s: what is shown is old", link.silent_s),
-                next: "the machine goes on; this view comes back by itself".into(),
-                tone: Tone::Bad,
-            };
+            let detail = format!("link lost for {:.1} s: what is shown is old", link.silent_s);
+            let next = "the machine goes on; this view comes back by itself";
+            says = Says::new("✖", "NO LINK", Tone::Bad, &detail, next);
         } else if self.ended {
-            says = Says {
-                symbol: "—",
-                state: "ENDED",
-                detail: format!("last seen: {}, {}", says.state.to_lowercase(), says.detail),
-                next: "the run has ended; this view waits for the next one (q quits)".into(),
-                tone: Tone::Waits,
-            };
+            let detail = format!("last seen: {}, {}", says.state.to_lowercase(), says.detail);
+            let next = "the run has ended; this view waits for the next one (q quits)";
+            says = Says::new("—", "ENDED", Tone::Waits, &detail, next);
         } else if self.feedback_age_s > 0.5 {
-            says = Says {
-                symbol: "✖",
-                state: "SILENT",
-                detail: format!(
-                    "no feedback for {:.1} s: the master is lost or stopped",
-                    self.feedback_age_s
-                ),
-                next: "what is shown is old; the drives brake by themselves".into(),
-                tone: Tone::Bad,
-            };
+            let age_s = self.feedback_age_s;
+            let detail = format!("no feedback for {age_s:.1} s: the master is lost or stopped");
+            let next = "what is shown is old; the drives brake by themselves";
+            says = Says::new("✖", "SILENT", Tone::Bad, &detail, next);
         }
         if self.link.as_ref().is_some_and(|link| !link.lost) {
             says.next = format!("on the controller PC: {}", says.next);

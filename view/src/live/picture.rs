@@ -112,23 +112,9 @@ fn auxiliary_state(now: &Auxiliaries) -> AuxiliaryState {
 
 fn axis_state(axis: &AxisView) -> AxisState {
     AxisState {
-        command_mm: axis.command_mm,
-        feedback_mm: axis.feedback_mm,
-        velocity_mm_s: axis.velocity_mm_s,
-        torque_nm: axis.torque_nm,
-        winding_k: axis.winding_k,
-        torque_limited: axis.torque_limited,
-        missed_scans: axis.missed_scans,
-        missed_in_a_row: axis.missed_in_a_row,
-        redundancy: axis.redundancy as u32,
-        unsynchronised_scans: axis.unsynchronised_scans,
-        differences: axis.differences,
-        role: axis.role,
-        reference: axis.reference as u32,
-        command: axis.commanded,
-        error_um: plausible(axis.error_um),
+        error_um: plausible(axis.now.error_um),
         error_peak_since_um: plausible(axis.look_peak_um),
-        error_peak_um: axis.error_peak_um,
+        ..axis.now.clone()
     }
 }
 
@@ -442,7 +428,7 @@ mod tests {
         wild.auxiliary.levels.analog[0] = f64::INFINITY;
         wild.auxiliary.spindle_rpm = 1e300;
         here.feedback(&wild);
-        here.axes[0].error_um = Some(1e40);
+        here.axes[0].now.error_um = Some(1e40);
         here.planner.as_mut().expect("one").path_done_mm = f64::NAN;
         remote::wire::encode(&snapshot(&here, 5)).expect("it can be message");
     }

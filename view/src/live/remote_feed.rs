@@ -225,7 +225,11 @@ impl Source for RemoteFeed {
     }
 
     fn is_whole(&self) -> bool {
-        let errors = self.model.axes.iter().all(|axis| axis.error_um.is_some());
+        let errors = self
+            .model
+            .axes
+            .iter()
+            .all(|axis| axis.now.error_um.is_some());
         let events = self.follower.ask_after().is_none();
         self.link.age_s.is_some() && self.model.feedback.is_some() && errors && events
     }

@@ -4,11 +4,12 @@ use std::path::Path;
 
 use anyhow::anyhow;
 use bus::sample::Order;
-use console::exit::{Failure, Kind, Outcome, words};
+use console::exit::{Failure, Kind, Outcome};
 use console::output::{self, say};
 use operator;
 use remote::orders::{Identity, OrderServer, OrdersError, TlsPlace, give as send};
 
+use super::words::failure_words;
 use crate::options::{OrderOptions, ServeOptions};
 
 /// What may be ordered from where nobody sees the machine: nothing that needs a place, a program or an axis.
@@ -34,12 +35,7 @@ fn unknown(word: &str) -> String {
 /// Gives an order to the cell of this PC: what came of it, in words.
 fn obey(cell: &str, word: &str, value: f64) -> Result<String, String> {
     let order = order_of(word).ok_or_else(|| unknown(word))?;
-    let done = operator::order(cell, order, value).map_err(|failure| match failure {
-        Failure::Stopped(error) | Failure::Input(error) | Failure::Environment(error) => {
-            words(&error)
-        }
-        Failure::Interrupted => "interrupted".into(),
-    });
+    let done = operator::order(cell, order, value).map_err(|failure| failure_words(&failure));
     match &done {
         Ok(text) | Err(text) => say(&format!("from another machine: {text}")),
     }

@@ -13,6 +13,7 @@ use remote::wire::{FORMAT, MachineReport, plain_text};
 
 use super::events::Weight;
 use super::feed::Feed;
+use super::source::Source;
 use super::{picture, remote_orders};
 use crate::options::ServeOptions;
 use console::exit::{Failure, Kind, Outcome};

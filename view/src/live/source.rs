@@ -2,7 +2,6 @@
 
 use std::time::Duration;
 
-use super::feed::Feed;
 use super::model::Model;
 
 /// Fills a model.
@@ -21,34 +20,4 @@ pub trait Source {
     fn follow(&mut self);
     /// Whether orders can be given.
     fn takes_orders(&self) -> bool;
-}
-
-impl Source for Feed {
-    fn model(&self) -> &Model {
-        &self.model
-    }
-
-    fn look(&mut self) {
-        Feed::look(self);
-    }
-
-    fn is_whole(&self) -> bool {
-        self.model.is_whole()
-    }
-
-    fn has_ended(&self) -> bool {
-        Feed::has_ended(self)
-    }
-
-    fn watch_periods(&mut self, budget: Duration) {
-        Feed::watch_periods(self, budget);
-    }
-
-    fn follow(&mut self) {
-        Feed::follow(self);
-    }
-
-    fn takes_orders(&self) -> bool {
-        true
-    }
 }

@@ -17,8 +17,8 @@ use super::override_steps::OverrideSteps;
 use super::palette::Palette;
 use super::source::Source;
 use super::typed_line::{Typed, TypedLine};
-use super::words::Tone;
-use console::exit::{INTERRUPTED, Kind, Outcome, words};
+use super::words::{Tone, failure_words};
+use console::exit::{INTERRUPTED, Kind, Outcome};
 use console::signals::Signals;
 use operator;
 
@@ -140,8 +140,7 @@ impl View {
     /// Gives the terminal back to the shell until `fg`; a launcher's view stays, for its launcher must not stop.
     fn suspend(&mut self, terminal: &mut DefaultTerminal) -> std::io::Result<()> {
         if std::env::var_os(OF_A_LAUNCHER).is_some() {
-            let words = "the cell has its launcher in this terminal: q closes the view".into();
-            self.say(Prompt::Answer(Tone::Waits, words));
+            self.answer("the cell has its launcher in this terminal: q closes the view");
             return Ok(());
         }
         ratatui::restore();
@@ -183,7 +182,7 @@ impl View {
             if code == KeyCode::Char('y') {
                 self.order(order, 0.0);
             } else {
-                self.say(Prompt::Answer(Tone::Waits, otherwise.into()));
+                self.answer(otherwise);
             }
             return false;
         }
@@ -192,8 +191,7 @@ impl View {
             KeyCode::Char('h' | 'r' | 's' | 'm' | 'b' | 'f' | 'j' | ':' | '!' | '+' | '=' | '-')
         );
         if order && !self.feed.takes_orders() {
-            let words = "read only from here: orders are given on the controller PC".into();
-            self.say(Prompt::Answer(Tone::Waits, words));
+            self.answer("read only from here: orders are given on the controller PC");
             return false;
         }
         match code {
@@ -239,11 +237,11 @@ impl View {
     /// Runs a typed-in block beside the view, whose keys act meanwhile.
     fn run_block(&mut self, text: String) {
         if self.feed.has_ended() {
-            return self.say(Prompt::Answer(Tone::Waits, "mdi: the run has ended".into()));
+            return self.answer("mdi: the run has ended");
         }
         let cell = self.feed.model().cell.clone();
         let (sender, answer) = channel();
-        self.say(Prompt::Answer(Tone::Waits, format!("{text} …")));
+        self.answer(&format!("{text} …"));
         // Ends by itself: with the block, or with the cell.
         std::thread::spawn(move || {
             let says = |words: &str| {
@@ -347,12 +345,10 @@ impl View {
 
     fn order(&mut self, order: Order, value: f64) {
         if self.asked.is_some() {
-            let words = "the order before has no answer yet: not sent".into();
-            return self.say(Prompt::Answer(Tone::Waits, words));
+            return self.answer("the order before has no answer yet: not sent");
         }
         if self.feed.has_ended() {
-            let words = format!("{}: the run has ended", order.word());
-            return self.say(Prompt::Answer(Tone::Waits, words));
+            return self.answer(&format!("{}: the run has ended", order.word()));
         }
         let cell = self.feed.model().cell.clone();
         let (sender, answer) = channel();
@@ -362,7 +358,7 @@ impl View {
             let _ = sender.send(answer.map_err(|failure| failure_words(&failure)));
         });
         self.asked = Some(Asked { order, answer });
-        self.say(Prompt::Answer(Tone::Waits, format!("{} …", order.word())));
+        self.answer(&format!("{} …", order.word()));
     }
 
     fn take_answer(&mut self) {
@@ -395,18 +391,12 @@ impl View {
         }
     }
 
+    fn answer(&mut self, words: &str) {
+        self.say(Prompt::Answer(Tone::Waits, words.into()));
+    }
+
     fn say(&mut self, prompt: Prompt) {
         self.prompt = prompt;
         self.prompt_since = Instant::now();
-    }
-}
-
-pub(super) fn failure_words(failure: &console::exit::Failure) -> String {
-    use console::exit::Failure;
-    match failure {
-        Failure::Stopped(error) | Failure::Input(error) | Failure::Environment(error) => {
-            words(error)
-        }
-        Failure::Interrupted => "interrupted".into(),
     }
 }

@@ -19,15 +19,11 @@ pub fn status(model: &Model) -> String {
         let _ = write!(
             text,
             "\n  hold {}, override {} %, rapids {} %, jogs {} %, single block {}, scan {} ({time_s:.1} s) {pace}, overrun scans {}",
-            if feedback.hold == 1 { "on" } else { "off" },
+            on_or_off(feedback.hold == 1),
             feedback.override_percent,
             feedback.inputs.rapid_override_percent(),
             feedback.inputs.jog_override_percent(),
-            if feedback.inputs.single_block() {
-                "on"
-            } else {
-                "off"
-            },
+            on_or_off(feedback.inputs.single_block()),
             feedback.scan,
             feedback.overrun_scans,
         );
@@ -81,6 +77,10 @@ pub fn status(model: &Model) -> String {
     text
 }
 
+fn on_or_off(on: bool) -> &'static str {
+    if on { "on" } else { "off" }
+}
+
 /// The readout: work and machine coordinates, the way to go, feed, codes, time left.
 fn readout(text: &mut String, model: &Model) {
     let dro = dro::of(model);
@@ -101,19 +101,12 @@ fn readout(text: &mut String, model: &Model) {
             axis.name,
             axis.unit,
             of(&dro.work),
-            axis.command_mm,
+            axis.now.command_mm,
             of(&dro.distance_to_go)
         );
     }
-    for (pair, skew_um) in model.skews() {
-        let name = |index| model.machine.axis_name(index);
-        let _ = write!(
-            text,
-            "\n  skew of {} and {} {skew_um:+.1} µm, at most {:.0}",
-            name(pair.leader),
-            name(pair.follower),
-            pair.skew_max_mm * 1e3
-        );
+    for words in model.skew_words() {
+        let _ = write!(text, "\n  {words}");
     }
     if let Some(feed) = dro.feed_mm_min {
         let programmed = match (dro.rapid, dro.programmed_feed_mm_min) {
@@ -138,7 +131,7 @@ fn axes(text: &mut String, model: &Model) {
         "\n\n  axis      command     feedback  following error  torque  winding  friction  missed  servo"
     );
     for axis in &model.axes {
-        let error = axis.error_um.map_or("-".into(), |error_um| {
+        let error = axis.now.error_um.map_or("-".into(), |error_um| {
             format!("{error_um:+.1} {}", axis.error_unit)
         });
         let _ = write!(
@@ -146,13 +139,13 @@ fn axes(text: &mut String, model: &Model) {
             "\n  {:<2} {:<3} {:>+10.4}  {:>+11.4}  {error:>15}  {:>4.0} %  {:>+5.1} K  {:>8}  {:>6}  {}",
             axis.name,
             axis.unit,
-            axis.command_mm,
-            axis.feedback_mm,
-            axis.torque_share * 100.0,
-            axis.winding_k,
+            axis.now.command_mm,
+            axis.now.feedback_mm,
+            axis.torque_share() * 100.0,
+            axis.now.winding_k,
             axis.friction_words(),
-            axis.missed_scans,
-            ROLES.get(axis.role as usize).copied().unwrap_or("?"),
+            axis.now.missed_scans,
+            ROLES.get(axis.now.role as usize).copied().unwrap_or("?"),
         );
         if let Some(words) = axis.homing_words() {
             let _ = write!(text, "  {words}");

@@ -3,6 +3,7 @@
 use bus::sample::{
     Auxiliaries, AxisFeedback, Cause, Driver, Feedback, Mode, ProgramState, Reference, Waiting,
 };
+use console::exit::Failure;
 use machine::Machine;
 use monitor::words::StopCause;
 
@@ -65,7 +66,8 @@ fn is_beside_path(feedback: &Feedback) -> bool {
 }
 
 impl Says {
-    fn new(
+    /// In these words.
+    pub fn new(
         symbol: &'static str,
         state: &'static str,
         tone: Tone,
@@ -79,6 +81,16 @@ impl Says {
             next: next.into(),
             tone,
         }
+    }
+}
+
+/// What a command that cannot be obeyed says, in words.
+pub fn failure_words(failure: &Failure) -> String {
+    match failure {
+        Failure::Stopped(error) | Failure::Input(error) | Failure::Environment(error) => {
+            console::exit::words(error)
+        }
+        Failure::Interrupted => "interrupted".into(),
     }
 }
 

@@ -14,7 +14,9 @@ use prometheus_client::encoding::{DescriptorEncoder, MetricEncoder, NoLabelSet};
 use prometheus_client::metrics::MetricType;
 use prometheus_client::registry::{Registry, Unit};
 
-use super::numbers::{AxisNumbers, CellNow, Count, Distribution, Number, Numbers, ProcessNumbers};
+use super::numbers::{
+    AxisNumbers, AxisValues, CellNow, Count, Distribution, Number, Numbers, ProcessNumbers,
+};
 use super::served::Served;
 
 /// How the text is written.
@@ -139,83 +141,112 @@ struct Snapshot {
     program: String,
 }
 
+/// A sample of a family.
+enum Sample<'a> {
+    Real(f64),
+    Whole(u64),
+    Count(u64),
+    Spread(&'a Distribution),
+    Info,
+}
+
+impl Sample<'_> {
+    fn encode(&self, encoder: &mut MetricEncoder<'_>, labels: &Labels<'_>) -> Result<(), Error> {
+        match self {
+            Sample::Real(value) => encoder.encode_gauge(value),
+            Sample::Whole(value) => encoder.encode_gauge(value),
+            Sample::Count(value) => encoder.encode_counter::<NoLabelSet, u64, f64>(value, None),
+            Sample::Spread(distribution) => {
+                let (sum, buckets) = distribution.read();
+                let count = buckets.iter().map(|(_, count)| count).sum();
+                encoder.encode_histogram::<NoLabelSet>(sum, count, &buckets, None)
+            }
+            Sample::Info => encoder.encode_info(labels),
+        }
+    }
+}
+
+type Labels<'a> = Vec<(&'a str, &'a str)>;
+
 /// Encodes one family after the other.
 struct Families<'a>(DescriptorEncoder<'a>);
 
 impl Families<'_> {
-    fn family(
+    /// A family of this kind; a unit that is empty is none, as are labels.
+    fn family<'s>(
         &mut self,
-        name: &str,
-        unit: Option<Unit>,
+        (name, unit): (&str, &str),
         kind: MetricType,
         help: &str,
-        fill: impl FnOnce(&mut MetricEncoder<'_>) -> Result<(), Error>,
-    ) -> Result<(), Error> {
+        samples: impl IntoIterator<Item = (Labels<'s>, Sample<'s>)>,
+    ) -> Outcome {
+        let unit = (!unit.is_empty()).then(|| Unit::Other(unit.into()));
         let mut encoder = self.0.encode_descriptor(name, help, unit.as_ref(), kind)?;
-        fill(&mut encoder)
+        for (labels, sample) in samples {
+            match sample {
+                _ if labels.is_empty() => sample.encode(&mut encoder, &labels)?,
+                Sample::Info => sample.encode(&mut encoder, &labels)?,
+                _ => sample.encode(&mut encoder.encode_family(&labels)?, &labels)?,
+            }
+        }
+        Ok(())
     }
 
-    fn gauge(
+    fn gauge(&mut self, name: &str, unit: &str, help: &str, value: Option<f64>) -> Outcome {
+        let value = value.map(|value| (Labels::new(), Sample::Real(value)));
+        self.family((name, unit), MetricType::Gauge, help, value)
+    }
+
+    fn counter(&mut self, name: &str, unit: &str, help: &str, value: Option<u64>) -> Outcome {
+        let value = value.map(|value| (Labels::new(), Sample::Count(value)));
+        self.family((name, unit), MetricType::Counter, help, value)
+    }
+
+    /// Counts by a label.
+    fn counters<'s>(
         &mut self,
         name: &str,
-        unit: Option<Unit>,
         help: &str,
-        value: Option<f64>,
-    ) -> Result<(), Error> {
-        self.family(name, unit, MetricType::Gauge, help, |encoder| {
-            value.map_or(Ok(()), |value| encoder.encode_gauge(&value))
-        })
+        label: &'s str,
+        counts: impl IntoIterator<Item = (&'s str, u64)>,
+    ) -> Outcome {
+        let counts = counts.into_iter();
+        let counts = counts.map(|(word, count)| (vec![(label, word)], Sample::Count(count)));
+        self.family((name, ""), MetricType::Counter, help, counts)
     }
 
-    fn counter(
+    /// 1 for the one of some states that is.
+    fn states<'s>(
         &mut self,
         name: &str,
-        unit: Option<Unit>,
         help: &str,
-        value: u64,
-    ) -> Result<(), Error> {
-        self.family(name, unit, MetricType::Counter, help, |encoder| {
-            encoder.encode_counter::<NoLabelSet, u64, f64>(&value, None)
-        })
+        states: impl IntoIterator<Item = (Labels<'s>, bool)>,
+    ) -> Outcome {
+        let states = states.into_iter();
+        let states = states.map(|(labels, is)| (labels, Sample::Whole(u64::from(is))));
+        self.family((name, ""), MetricType::Gauge, help, states)
     }
 
-    fn gauge_per_axis(
+    fn of_axes(
         &mut self,
         name: &str,
-        unit: Unit,
+        unit: &str,
         help: &str,
         axes: &[&AxisNumbers],
-        of: impl Fn(&AxisNumbers) -> &Number,
-    ) -> Result<(), Error> {
-        self.family(name, Some(unit), MetricType::Gauge, help, |encoder| {
-            for axis in axes {
-                if let Some(value) = of(axis).get() {
-                    let labels = [("axis", axis.name.as_str())];
-                    encoder.encode_family(&labels)?.encode_gauge(&value)?;
-                }
-            }
-            Ok(())
-        })
-    }
-
-    fn counter_per_axis(
-        &mut self,
-        name: &str,
-        help: &str,
-        axes: &[AxisNumbers],
-        of: impl Fn(&AxisNumbers) -> u64,
-    ) -> Result<(), Error> {
-        self.family(name, None, MetricType::Counter, help, |encoder| {
-            for axis in axes {
-                let labels = [("axis", axis.name.as_str())];
-                encoder
-                    .encode_family(&labels)?
-                    .encode_counter::<NoLabelSet, u64, f64>(&of(axis), None)?;
-            }
-            Ok(())
-        })
+        of: Of,
+    ) -> Outcome {
+        let known = axes.iter().filter_map(|axis| {
+            let value = of(&axis.values).get()?;
+            Some((vec![("axis", axis.name.as_str())], Sample::Real(value)))
+        });
+        self.family((name, unit), MetricType::Gauge, help, known)
     }
 }
+
+type Outcome = Result<(), Error>;
+
+/// One of the numbers of an axis.
+type Of = fn(&AxisValues) -> &Number;
 
 impl Collector for Snapshot {
     fn encode(&self, encoder: DescriptorEncoder<'_>) -> Result<(), Error> {
@@ -223,16 +254,16 @@ impl Collector for Snapshot {
         self.identity(&mut families)?;
         self.scans(&mut families)?;
         self.state(&mut families)?;
-        self.program(&mut families)?;
         self.losses(&mut families)?;
-        for kind in [AxisKind::Linear, AxisKind::Rotary] {
+        for (kind, unit) in [(AxisKind::Linear, "meters"), (AxisKind::Rotary, "radians")] {
             let axes = self.numbers.axes.iter().filter(|axis| axis.kind == kind);
             let axes: Vec<&AxisNumbers> = axes.collect();
             if !axes.is_empty() {
-                places(&mut families, kind, &axes)?;
+                places(&mut families, unit, &axes)?;
             }
         }
         self.axes(&mut families)?;
+        self.torques(&mut families)?;
         fieldbus::families(&mut families, &self.numbers.bus)?;
         self.processes(&mut families)
     }
@@ -276,353 +307,186 @@ fn cause_label(cause: Cause) -> &'static str {
 }
 
 impl Snapshot {
-    fn identity(&self, families: &mut Families<'_>) -> Result<(), Error> {
+    fn identity(&self, families: &mut Families<'_>) -> Outcome {
         let numbers = &*self.numbers;
+        let version = vec![("version", env!("CARGO_PKG_VERSION"))];
+        let help = "The program that serves the metrics.";
         let info = MetricType::Info;
-        families.family(
-            "build",
-            None,
-            info,
-            "The program that serves the metrics.",
-            |e| e.encode_info(&[("version", env!("CARGO_PKG_VERSION"))]),
-        )?;
-        let identity = [
+        families.family(("build", ""), info, help, [(version, Sample::Info)])?;
+        let identity = vec![
             ("machine", numbers.machine.as_str()),
             ("program", self.program.as_str()),
             ("pace", numbers.pace.word()),
         ];
-        families.family("cell", None, info, "What the cell runs.", |e| {
-            e.encode_info(&identity)
-        })
+        let help = "What the cell runs.";
+        families.family(("cell", ""), info, help, [(identity, Sample::Info)])
     }
 
     /// A count of the cell; 0 before the first feedback.
-    fn count(&self, of: impl Fn(CellNow) -> u64) -> u64 {
-        self.cell.map_or(0, of)
+    fn count(&self, of: impl Fn(CellNow) -> u64) -> Option<u64> {
+        Some(self.cell.map_or(0, of))
     }
 
-    fn scans(&self, families: &mut Families<'_>) -> Result<(), Error> {
+    fn scans(&self, families: &mut Families<'_>) -> Outcome {
         let numbers = &*self.numbers;
-        families.gauge(
-            "scan_period",
-            Some(Unit::Seconds),
-            "Period of a scan.",
-            Some(numbers.scan_period_s),
-        )?;
+        let period_s = Some(numbers.scan_period_s);
+        families.gauge("scan_period", "seconds", "Period of a scan.", period_s)?;
         if let Some(interval) = &numbers.scan_interval {
             let help =
                 "Time between the beginnings of two scans, as a thread of an observer wakes.";
-            let histogram = MetricType::Histogram;
-            families.family("scan_interval", Some(Unit::Seconds), histogram, help, |e| {
-                encode_distribution(e, interval)
-            })?;
+            let samples = [(Labels::new(), Sample::Spread(interval))];
+            let of = ("scan_interval", "seconds");
+            families.family(of, MetricType::Histogram, help, samples)?;
         }
-        families.counter(
-            "scans",
-            None,
-            "Scans of the cell.",
-            self.count(|cell| cell.scans),
-        )?;
-        families.counter(
-            "overrun_scans",
-            None,
-            "Scans for which the master itself was late.",
-            self.count(|cell| u64::from(cell.overrun_scans)),
-        )?;
-        families.gauge(
-            "feedback_age",
-            Some(Unit::Seconds),
-            "Time since the newest feedback was taken.",
-            self.cell
-                .map(|cell| self.now_ns.saturating_sub(cell.heard_ns) as f64 * 1e-9),
-        )
+        let scans = self.count(|cell| cell.scans);
+        families.counter("scans", "", "Scans of the cell.", scans)?;
+        let help = "Scans for which the master itself was late.";
+        let overrun = self.count(|cell| u64::from(cell.overrun_scans));
+        families.counter("overrun_scans", "", help, overrun)?;
+        let help = "Time since the newest feedback was taken.";
+        let cell = self.cell.as_ref();
+        let age_s = cell.map(|cell| self.now_ns.saturating_sub(cell.heard_ns) as f64 * 1e-9);
+        families.gauge("feedback_age", "seconds", help, age_s)
     }
 
-    fn state(&self, families: &mut Families<'_>) -> Result<(), Error> {
-        let gauge = MetricType::Gauge;
-        families.family(
-            "mode",
-            None,
-            gauge,
-            "1 for the mode the machine is in.",
-            |e| {
-                let Some(now) = self.cell else {
-                    return Ok(());
-                };
-                Mode::ALL.iter().try_for_each(|mode: &Mode| {
-                    let is = u32::from(now.mode == *mode as u32);
-                    let labels = [("mode", mode.word())];
-                    e.encode_family(&labels)?.encode_gauge(&is)
-                })
-            },
-        )?;
-        families.gauge(
-            "hold",
-            None,
-            "1 while feed hold is latched.",
-            self.cell.map(|cell| f64::from(cell.hold)),
-        )?;
-        families.gauge(
-            "override",
-            Some(Unit::Other("ratio".into())),
-            "Feed override, 1 for 100 percent.",
-            self.cell
-                .map(|cell| f64::from(cell.override_percent) / 100.0),
-        )
-    }
-
-    fn program(&self, families: &mut Families<'_>) -> Result<(), Error> {
-        let numbers = &*self.numbers;
-        let gauge = MetricType::Gauge;
+    fn state(&self, families: &mut Families<'_>) -> Outcome {
+        let cell = self.cell.as_ref();
+        let modes = cell.into_iter().flat_map(|now| {
+            let modes = Mode::ALL.iter();
+            modes.map(|mode| (vec![("mode", mode.word())], now.mode == *mode as u32))
+        });
+        families.states("mode", "1 for the mode the machine is in.", modes)?;
+        let hold = cell.map(|cell| f64::from(cell.hold));
+        families.gauge("hold", "", "1 while feed hold is latched.", hold)?;
+        let share = cell.map(|cell| f64::from(cell.override_percent) / 100.0);
+        let help = "Feed override, 1 for 100 percent.";
+        families.gauge("override", "ratio", help, share)?;
+        let states = cell.into_iter().flat_map(|now| {
+            let states = ProgramState::ALL.iter();
+            states.map(|of| (vec![("state", of.word())], now.program == *of as u32))
+        });
         let help = "1 for how far the cell is with its program.";
-        families.family("program_state", None, gauge, help, |e| {
-            let Some(now) = self.cell else {
-                return Ok(());
-            };
-            ProgramState::ALL.iter().try_for_each(|state| {
-                let is = u32::from(now.program == *state as u32);
-                let labels = [("state", state.word())];
-                e.encode_family(&labels)?.encode_gauge(&is)
-            })
-        })?;
-        families.counter(
-            "runs",
-            None,
-            "Programs that were started.",
-            self.count(|cell| u64::from(cell.runs)),
-        )?;
-        families.gauge(
-            "program_progress",
-            Some(Unit::Other("ratio".into())),
-            "Share of the program's path that is done.",
-            numbers.progress_ratio.get(),
-        )
+        families.states("program_state", help, states)?;
+        let runs = self.count(|cell| u64::from(cell.runs));
+        families.counter("runs", "", "Programs that were started.", runs)?;
+        let help = "Share of the program's path that is done.";
+        let share = self.numbers.progress_ratio.get();
+        families.gauge("program_progress", "ratio", help, share)
     }
 
     /// What went wrong or was not heard, and what of it all is in the log.
-    fn losses(&self, families: &mut Families<'_>) -> Result<(), Error> {
-        let numbers = &*self.numbers;
-        let counter = MetricType::Counter;
-        families.family("trips", None, counter, "Trips by cause.", |e| {
-            let causes = Cause::ALL.into_iter().filter(|c| *c != Cause::None);
-            causes.into_iter().try_for_each(|cause| {
-                let count = numbers.trips(cause).map_or(0, Count::get);
-                let labels = [("cause", cause_label(cause))];
-                e.encode_family(&labels)?
-                    .encode_counter::<NoLabelSet, u64, f64>(&count, None)
-            })
-        })?;
-        families.counter(
-            "recorder_lost_samples",
-            None,
-            "Scans that the recorder did not get, and receptions that failed.",
-            self.samples_lost,
-        )?;
-        families.counter(
-            "log",
-            Some(Unit::Bytes),
-            "Bytes of the log that are in its files.",
-            self.log_bytes,
-        )
+    fn losses(&self, families: &mut Families<'_>) -> Outcome {
+        let causes = Cause::ALL.into_iter().filter(|c| *c != Cause::None);
+        let trips = causes.map(|cause| {
+            let count = self.numbers.trips(cause).map_or(0, Count::get);
+            (cause_label(cause), count)
+        });
+        families.counters("trips", "Trips by cause.", "cause", trips)?;
+        let help = "Scans that the recorder did not get, and receptions that failed.";
+        let lost = Some(self.samples_lost);
+        families.counter("recorder_lost_samples", "", help, lost)?;
+        let help = "Bytes of the log that are in its files.";
+        families.counter("log", "bytes", help, Some(self.log_bytes))
     }
 
-    fn axes(&self, families: &mut Families<'_>) -> Result<(), Error> {
-        let axes = &self.numbers.axes;
-        families.counter_per_axis(
-            "axis_missed_scans",
-            "Scans in which no command came in time.",
-            axes,
-            |axis| axis.missed_scans.get(),
-        )?;
-        families.family(
-            "axis_standby",
-            None,
-            MetricType::Gauge,
-            "1 for how the standby of the axis is.",
-            |e| {
-                axes.iter().try_for_each(|axis| {
-                    let now = axis.redundancy.get();
-                    Redundancy::ALL.iter().try_for_each(|state| {
-                        let is = u32::from(now == Some(f64::from(*state as u32)));
-                        let labels = [("axis", axis.name.as_str()), ("state", state.words())];
-                        e.encode_family(&labels)?.encode_gauge(&is)
-                    })
-                })
-            },
-        )?;
-        families.counter_per_axis(
-            "axis_standby_differences",
-            "How often the two servos of the axis have commanded different things after the same.",
-            axes,
-            |axis| axis.differences.get(),
-        )?;
-        families.counter_per_axis(
-            "axis_torque_limited_scans",
-            "Scans with the torque at its limit.",
-            axes,
-            |axis| axis.torque_limited_scans.get(),
-        )?;
-        families.counter_per_axis("axis_reversals", "Reversals of the axis.", axes, |axis| {
-            axis.reversals.get()
-        })?;
-        self.torques(families)
+    fn axes(&self, families: &mut Families<'_>) -> Outcome {
+        let axes = || self.numbers.axes.iter();
+        let counts = |of: fn(&AxisValues) -> &Count| {
+            axes().map(move |axis| (axis.name.as_str(), of(&axis.values).get()))
+        };
+        let help = "Scans in which no command came in time.";
+        let missed = counts(|axis| &axis.missed_scans);
+        families.counters("axis_missed_scans", help, "axis", missed)?;
+        let standby = axes().flat_map(|axis| {
+            let now = axis.values.redundancy.get();
+            Redundancy::ALL.iter().map(move |state| {
+                let labels = vec![("axis", axis.name.as_str()), ("state", state.words())];
+                (labels, now == Some(f64::from(*state as u32)))
+            })
+        });
+        let help = "1 for how the standby of the axis is.";
+        families.states("axis_standby", help, standby)?;
+        let help =
+            "How often the two servos of the axis have commanded different things after the same.";
+        let differences = counts(|axis| &axis.differences);
+        families.counters("axis_standby_differences", help, "axis", differences)?;
+        let help = "Scans with the torque at its limit.";
+        let limited = counts(|axis| &axis.torque_limited_scans);
+        families.counters("axis_torque_limited_scans", help, "axis", limited)?;
+        let reversals = counts(|axis| &axis.reversals);
+        let help = "Reversals of the axis.";
+        families.counters("axis_reversals", help, "axis", reversals)
     }
 
     /// Torque of the axes, and what comes of it.
-    fn torques(&self, families: &mut Families<'_>) -> Result<(), Error> {
-        let all: Vec<&AxisNumbers> = self.numbers.axes.iter().collect();
-        let newton_meters = || Unit::Other("newton_meters".into());
-        families.gauge_per_axis(
-            "axis_torque",
-            newton_meters(),
-            "Torque of the motor.",
-            &all,
-            |axis| &axis.torque_nm,
-        )?;
-        families.gauge_per_axis(
-            "axis_torque_peak",
-            newton_meters(),
-            "Largest magnitude of the torque since this process started.",
-            &all,
-            |axis| &axis.torque_peak_nm,
-        )?;
-        families.gauge_per_axis(
-            "axis_winding_rise",
-            Unit::Other("kelvin".into()),
-            "Winding temperature above ambient.",
-            &all,
-            |axis| &axis.winding_k,
-        )?;
-        families.gauge_per_axis(
-            "axis_friction_level",
-            Unit::Other("ratio".into()),
-            "Friction that the servo goes by, as a part of that of its model.",
-            &all,
-            |axis| &axis.friction_level,
-        )?;
-        families.gauge_per_axis(
-            "axis_friction_unexplained",
-            Unit::Other("ratio".into()),
-            "Part of Coulomb friction that the last way between two reversals left unexplained.",
-            &all,
-            |axis| &axis.friction_unexplained,
-        )
+    fn torques(&self, families: &mut Families<'_>) -> Outcome {
+        let axes: &[&AxisNumbers] = &self.numbers.axes.iter().collect::<Vec<_>>();
+        let nm = "newton_meters";
+        let help = "Torque of the motor.";
+        families.of_axes("axis_torque", nm, help, axes, |axis| &axis.torque_nm)?;
+        let help = "Largest magnitude of the torque since this process started.";
+        let peak: Of = |axis| &axis.torque_peak_nm;
+        families.of_axes("axis_torque_peak", nm, help, axes, peak)?;
+        let help = "Winding temperature above ambient.";
+        let rise: Of = |axis| &axis.winding_k;
+        families.of_axes("axis_winding_rise", "kelvin", help, axes, rise)?;
+        let help = "Friction that the servo goes by, as a part of that of its model.";
+        let level: Of = |axis| &axis.friction_level;
+        families.of_axes("axis_friction_level", "ratio", help, axes, level)?;
+        let help =
+            "Part of Coulomb friction that the last way between two reversals left unexplained.";
+        let part: Of = |axis| &axis.friction_unexplained;
+        families.of_axes("axis_friction_unexplained", "ratio", help, axes, part)
     }
 
-    fn processes(&self, families: &mut Families<'_>) -> Result<(), Error> {
-        let processes = &self.numbers.processes;
-        let labels = |process: &ProcessNumbers| {
-            let role = match process.process.job {
-                Job::Master => "master",
-                job => job.word(),
-            };
-            [
-                ("process", process.name.clone()),
-                ("role", role.to_string()),
-            ]
-        };
+    fn processes(&self, families: &mut Families<'_>) -> Outcome {
+        let processes = || self.numbers.processes.iter();
         let gauge = MetricType::Gauge;
-        families.family(
-            "process_up",
-            None,
-            gauge,
-            "1 while the process lives.",
-            |e| {
-                processes.iter().try_for_each(|process| {
-                    e.encode_family(&labels(process))?
-                        .encode_gauge(&process.up.get())
-                })
-            },
-        )?;
+        let up = processes().map(|of| (labels(of), Sample::Whole(of.up.get())));
+        let help = "1 while the process lives.";
+        families.family(("process_up", ""), gauge, help, up)?;
+        let starts = processes().map(|of| (labels(of), Sample::Count(of.starts.get())));
         let help = "Processes that have had this place.";
-        families.family("process_starts", None, MetricType::Counter, help, |e| {
-            processes.iter().try_for_each(|process| {
-                e.encode_family(&labels(process))?
-                    .encode_counter::<NoLabelSet, u64, f64>(&process.starts.get(), None)
-            })
-        })?;
+        families.family(("process_starts", ""), MetricType::Counter, help, starts)?;
+        let ages = processes().filter_map(|of| {
+            let age_s = of.age_scans.get()? * self.numbers.scan_period_s;
+            Some((labels(of), Sample::Real(age_s)))
+        });
         let help = "Time in scan periods since the process was last done with a scan.";
-        families.family("process_age", Some(Unit::Seconds), gauge, help, |e| {
-            processes.iter().try_for_each(|process| {
-                let Some(age_scans) = process.age_scans.get() else {
-                    return Ok(());
-                };
-                e.encode_family(&labels(process))?
-                    .encode_gauge(&(age_scans * self.numbers.scan_period_s))
-            })
-        })
+        families.family(("process_age", "seconds"), gauge, help, ages)
     }
 }
 
-fn encode_distribution(
-    encoder: &mut MetricEncoder<'_>,
-    distribution: &Distribution,
-) -> Result<(), Error> {
-    let (sum, buckets) = distribution.read();
-    let count = buckets.iter().map(|(_, count)| count).sum();
-    encoder.encode_histogram::<NoLabelSet>(sum, count, &buckets, None)
+fn labels(process: &ProcessNumbers) -> Labels<'_> {
+    let role = match process.process.job {
+        Job::Master => "master",
+        job => job.word(),
+    };
+    vec![("process", process.name.as_str()), ("role", role)]
 }
 
 /// Families with a length or angle in them: one metric has one unit, so slides and rotary axes have their own.
-fn places(families: &mut Families<'_>, kind: AxisKind, axes: &[&AxisNumbers]) -> Result<(), Error> {
-    let unit = || match kind {
-        AxisKind::Linear => Unit::Meters,
-        AxisKind::Rotary => Unit::Other("radians".into()),
-    };
-    families.gauge_per_axis(
-        "axis_position",
-        unit(),
-        "Where the axis is.",
-        axes,
-        |axis| &axis.position_m,
-    )?;
-    families.gauge_per_axis(
-        "axis_command",
-        unit(),
-        "Where the axis is commanded to be.",
-        axes,
-        |axis| &axis.command_m,
-    )?;
-    families.gauge_per_axis(
-        "axis_following_error",
-        unit(),
-        "Command less feedback in the newest scan.",
-        axes,
-        |axis| &axis.following_error_m,
-    )?;
-    families.gauge_per_axis(
-        "axis_following_error_peak",
-        unit(),
-        "Largest magnitude of the following error since this process started.",
-        axes,
-        |axis| &axis.following_error_peak_m,
-    )?;
+fn places(families: &mut Families<'_>, unit: &str, axes: &[&AxisNumbers]) -> Outcome {
+    let mut place = |name: &str, help: &str, of: Of| families.of_axes(name, unit, help, axes, of);
+    place("axis_position", "Where the axis is.", |of| &of.position_m)?;
+    let help = "Where the axis is commanded to be.";
+    place("axis_command", help, |of| &of.command_m)?;
+    let help = "Command less feedback in the newest scan.";
+    place("axis_following_error", help, |of| &of.following_error_m)?;
+    let help = "Largest magnitude of the following error since this process started.";
+    let peak: Of = |of| &of.following_error_peak_m;
+    place("axis_following_error_peak", help, peak)?;
+    let spread = axes.iter().map(|axis| {
+        let labels = vec![("axis", axis.name.as_str())];
+        (labels, Sample::Spread(&axis.following_error))
+    });
     let help = "Magnitude of the following error, every scan.";
-    families.family(
-        "axis_following_error_magnitude",
-        Some(unit()),
-        MetricType::Histogram,
-        help,
-        |encoder| {
-            for axis in axes {
-                let labels = [("axis", axis.name.as_str())];
-                encode_distribution(&mut encoder.encode_family(&labels)?, &axis.following_error)?;
-            }
-            Ok(())
-        },
-    )?;
-    families.gauge_per_axis(
-        "axis_reversal_protrusion",
-        unit(),
-        "Height that the last reversal on an arc left on the table.",
-        axes,
-        |axis| &axis.protrusion_m,
-    )?;
-    families.gauge_per_axis(
-        "axis_reversal_following_error",
-        unit(),
-        "Largest magnitude of the following error around the last reversal.",
-        axes,
-        |axis| &axis.reversal_error_m,
-    )
+    let of = ("axis_following_error_magnitude", unit);
+    families.family(of, MetricType::Histogram, help, spread)?;
+    let mut place = |name: &str, help: &str, of: Of| families.of_axes(name, unit, help, axes, of);
+    let help = "Height that the last reversal on an arc left on the table.";
+    place("axis_reversal_protrusion", help, |of| &of.protrusion_m)?;
+    let help = "Largest magnitude of the following error around the last reversal.";
+    let error: Of = |of| &of.reversal_error_m;
+    place("axis_reversal_following_error", help, error)
 }

@@ -122,13 +122,22 @@ impl Distribution {
     }
 }
 
-/// One axis. Lengths of rotary axes are angles in rad in place of m.
+/// One axis.
 #[derive(Debug)]
 pub struct AxisNumbers {
     /// Its letter.
     pub name: String,
     /// Slide or rotary.
     pub kind: AxisKind,
+    /// Magnitude of its following error in every scan.
+    pub following_error: Distribution,
+    /// What is known of it now.
+    pub values: AxisValues,
+}
+
+/// What is known of an axis. Lengths of rotary axes are angles in rad in place of m.
+#[derive(Debug, Default)]
+pub struct AxisValues {
     /// Where it is.
     pub position_m: Number,
     /// Where it is commanded to be.
@@ -137,8 +146,6 @@ pub struct AxisNumbers {
     pub following_error_m: Number,
     /// Its largest magnitude.
     pub following_error_peak_m: Number,
-    /// Its magnitude in every scan.
-    pub following_error: Distribution,
     /// Torque of the motor.
     pub torque_nm: Number,
     /// Its largest magnitude.
@@ -302,23 +309,8 @@ impl Numbers {
         let axes = machine.axes.iter().map(|axis| AxisNumbers {
             name: axis.name.clone(),
             kind: axis.kind,
-            position_m: Number::default(),
-            command_m: Number::default(),
-            following_error_m: Number::default(),
-            following_error_peak_m: Number::default(),
             following_error: Distribution::of_errors(axis.kind),
-            torque_nm: Number::default(),
-            torque_peak_nm: Number::default(),
-            torque_limited_scans: Count::default(),
-            winding_k: Number::default(),
-            missed_scans: Count::default(),
-            redundancy: Number::default(),
-            differences: Count::default(),
-            friction_level: Number::default(),
-            friction_unexplained: Number::default(),
-            reversals: Count::default(),
-            protrusion_m: Number::default(),
-            reversal_error_m: Number::default(),
+            values: AxisValues::default(),
         });
         let mut processes = Process::all(machine);
         processes.sort();

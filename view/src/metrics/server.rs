@@ -17,7 +17,7 @@ use hyper_util::rt::TokioIo;
 
 use super::exposition::{self, Dialect};
 use super::served::Served;
-use crate::guests::Guests;
+use crate::guests;
 
 /// The most connections at a time; the oldest goes where another one comes.
 const CONNECTIONS_MAX: usize = 16;
@@ -25,9 +25,6 @@ const CONNECTIONS_MAX: usize = 16;
 const HEAD_BYTES: usize = 8 << 10;
 /// The longest time for a request and its answer.
 const PATIENCE: Duration = Duration::from_secs(4);
-/// Wait after an accept that failed, as when no descriptor is left.
-const PAUSE: Duration = Duration::from_millis(100);
-const STACK_BYTES: usize = 256 << 10;
 
 /// Answers at `listener` in a thread of its own, as long as the process lives.
 ///
@@ -41,33 +38,10 @@ fn serve(
     listener: TcpListener,
     respond: impl Fn(&Request<Incoming>) -> Response<String> + Send + Sync + 'static,
 ) -> std::io::Result<()> {
-    listener.set_nonblocking(true)?;
-    let runtime = tokio::runtime::Builder::new_current_thread()
-        .enable_all()
-        .build()?;
-    let listener = {
-        let _inside = runtime.enter();
-        tokio::net::TcpListener::from_std(listener)?
-    };
-    std::thread::Builder::new()
-        .name("qd-metrics".into())
-        .stack_size(STACK_BYTES)
-        .spawn(move || runtime.block_on(accept(&listener, Arc::new(respond))))?;
-    Ok(())
-}
-
-async fn accept(
-    listener: &tokio::net::TcpListener,
-    respond: Arc<impl Fn(&Request<Incoming>) -> Response<String> + Send + Sync + 'static>,
-) {
-    let guests = Guests::at_most(CONNECTIONS_MAX);
-    loop {
-        let Ok((stream, _)) = listener.accept().await else {
-            tokio::time::sleep(PAUSE).await;
-            continue;
-        };
+    let respond = Arc::new(respond);
+    guests::serve(listener, "qd-metrics", CONNECTIONS_MAX, move |stream, _| {
         let respond = Arc::clone(&respond);
-        guests.serve(|_| async move {
+        async move {
             let service = service_fn(async |request| Ok::<_, Infallible>(respond(&request)));
             let connection = http1::Builder::new()
                 .keep_alive(false)
@@ -76,10 +50,8 @@ async fn accept(
                 .serve_connection(TokioIo::new(stream), service);
             // Whether a client leaves early is its own affair.
             let _ = tokio::time::timeout(PATIENCE, connection).await;
-        });
-        // What it has sent already is read before the next one comes.
-        tokio::task::yield_now().await;
-    }
+        }
+    })
 }
 
 fn respond(request: &Request<Incoming>, served: &Served) -> Response<String> {

@@ -155,16 +155,17 @@ impl Watch {
         else {
             return;
         };
+        let values = &axis.values;
         // Of two servos of an axis, the one that drives.
-        if sample.role == view.role && sample.following_error_mm.is_finite() {
+        if sample.role == view.now.role && sample.following_error_mm.is_finite() {
             let error_m = base_unit(axis.kind, sample.following_error_mm);
-            axis.following_error_m.set(error_m);
-            axis.following_error_peak_m.raise_to(error_m.abs());
+            values.following_error_m.set(error_m);
+            values.following_error_peak_m.raise_to(error_m.abs());
             axis.following_error.take(error_m.abs());
         }
-        if sample.role == view.role && view.friction().is_some() {
-            axis.friction_level.set(sample.friction_level);
-            axis.friction_unexplained.set(sample.friction_unexplained);
+        if sample.role == view.now.role && view.friction().is_some() {
+            values.friction_level.set(sample.friction_level);
+            values.friction_unexplained.set(sample.friction_unexplained);
         }
     }
 
@@ -192,16 +193,21 @@ impl Watch {
         self.tripped = tripped;
         let axes = numbers.axes.iter().zip(sample.axes());
         for ((axis, now), view) in axes.zip(&self.model.axes) {
-            axis.position_m.set(base_unit(axis.kind, view.feedback_mm));
-            axis.command_m.set(base_unit(axis.kind, view.command_mm));
-            axis.torque_nm.set(now.torque_nm);
-            axis.torque_peak_nm.raise_to(now.torque_nm.abs());
-            axis.winding_k.set(now.winding_k);
-            axis.missed_scans.set(u64::from(now.missed_scans));
-            axis.redundancy.set(f64::from(now.redundancy));
-            axis.differences.set(u64::from(now.differences));
+            let values = &axis.values;
+            values
+                .position_m
+                .set(base_unit(axis.kind, view.now.feedback_mm));
+            values
+                .command_m
+                .set(base_unit(axis.kind, view.now.command_mm));
+            values.torque_nm.set(now.torque_nm);
+            values.torque_peak_nm.raise_to(now.torque_nm.abs());
+            values.winding_k.set(now.winding_k);
+            values.missed_scans.set(u64::from(now.missed_scans));
+            values.redundancy.set(f64::from(now.redundancy));
+            values.differences.set(u64::from(now.differences));
             if now.torque_limited == 1 {
-                axis.torque_limited_scans.add_one();
+                values.torque_limited_scans.add_one();
             }
         }
     }
@@ -244,10 +250,11 @@ impl Watch {
                 continue;
             };
             let m = |um: f64| base_unit(axis.kind, um * 1e-3);
-            axis.reversals.add_one();
-            axis.reversal_error_m.set(m(reversal.error_peak_um));
+            let values = &axis.values;
+            values.reversals.add_one();
+            values.reversal_error_m.set(m(reversal.error_peak_um));
             if let Some(height_um) = reversal.height_um {
-                axis.protrusion_m.set(m(height_um));
+                values.protrusion_m.set(m(height_um));
             }
         }
         let Some(now) = numbers.now().map(|now| now.scans - 1) else {

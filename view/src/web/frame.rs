@@ -1,12 +1,11 @@
 //! One frame of the page: everything that changes, whole, so that a browser that has missed some needs none of them.
 
 use axum::body::Bytes;
-use serde::Serialize;
+use serde_json::{Value, json};
 
 use super::pictures::{Drawn, shown};
-use crate::live::circle::CircleView;
-use crate::live::events::Weight;
-use crate::live::json::{self, ErrorPeak, State, rounded};
+use crate::live::circle::{Circle, CircleView};
+use crate::live::json::{self, joined, round, rounded, without_missing};
 use crate::live::model::Model;
 use crate::live::trail::TrailPoint;
 use crate::live::words::Tone;
@@ -32,68 +31,6 @@ pub struct Frame<'a> {
     pub new: &'a [TrailPoint],
 }
 
-#[derive(Serialize)]
-struct Written<'a> {
-    frame: u64,
-    session: u32,
-    ended: bool,
-    /// As `status --json` has it.
-    status: State<'a>,
-    says: Says<'a>,
-    drawn: Drawn,
-    points: Vec<(f64, f64, f64, Option<f64>)>,
-    tool: Option<(f64, f64, f64, Option<f64>)>,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    circle: Option<Circle<'a>>,
-    reversals: Vec<Reversal<'a>>,
-    reversals_seen: u64,
-    events: Vec<Event<'a>>,
-    period_us: Option<[f64; 3]>,
-    scans_seen: u64,
-    scans_not_seen: u64,
-}
-
-#[derive(Serialize)]
-struct Says<'a> {
-    symbol: &'a str,
-    state: &'a str,
-    detail: String,
-    next: String,
-    /// good, waits, bad.
-    tone: &'static str,
-}
-
-#[derive(Serialize)]
-struct Circle<'a> {
-    plane: &'a str,
-    line: u32,
-    radius_mm: f64,
-    feed_mm_min: Option<f64>,
-    running: bool,
-    angle_rad: Option<f64>,
-    /// Per degree: lowest, mean and highest, in µm; null where nothing was seen.
-    deviation_um: Vec<Option<[f64; 3]>>,
-}
-
-#[derive(Serialize)]
-struct Reversal<'a> {
-    axis: &'a str,
-    new_direction: i32,
-    scan: u64,
-    height_um: Option<f64>,
-    undercut_um: Option<f64>,
-    #[serde(flatten)]
-    error: ErrorPeak,
-}
-
-#[derive(Serialize)]
-struct Event<'a> {
-    number: u64,
-    scan: u64,
-    event: &'a str,
-    warning: bool,
-}
-
 impl Frame<'_> {
     /// As a server-sent event.
     pub fn as_event(&self, model: &Model) -> Bytes {
@@ -105,84 +42,70 @@ impl Frame<'_> {
         text.into()
     }
 
-    fn of<'a>(&self, model: &'a Model) -> Written<'a> {
+    fn of(&self, model: &Model) -> Value {
         let says = model.says();
-        Written {
-            frame: self.number,
-            session: self.session,
-            ended: self.has_ended,
-            status: json::state(model),
-            says: Says {
-                symbol: says.symbol,
-                state: says.state,
-                detail: says.detail,
-                next: says.next,
-                tone: match says.tone {
+        let trail = model.trail.as_ref();
+        let circle = model.circle.circle.as_ref().filter(|_| self.with_circle);
+        let frame = json!({
+            "frame": self.number,
+            "session": self.session,
+            "ended": self.has_ended,
+            // As `status --json` has it.
+            "status": json::state(model),
+            "says": {
+                "symbol": says.symbol,
+                "state": says.state,
+                "detail": says.detail,
+                "next": says.next,
+                "tone": match says.tone {
                     Tone::Good => "good",
                     Tone::Waits => "waits",
                     Tone::Bad => "bad",
                 },
             },
-            drawn: self.drawn,
-            points: self.new.iter().map(shown).collect(),
-            tool: model
-                .trail
-                .as_ref()
-                .and_then(|trail| trail.now())
-                .map(|now| shown(&now)),
-            circle: self.with_circle.then(|| circle(&model.circle)).flatten(),
-            reversals: reversals(model),
-            reversals_seen: model.reversals.count,
-            events: events(model),
-            period_us: model.timing.summary().map(|summary| {
+            "drawn": self.drawn,
+            "points": self.new.iter().map(shown).collect::<Vec<_>>(),
+            "tool": trail.and_then(|trail| trail.now()).map(|now| shown(&now)),
+            "circle": circle.map(|shape| of_circle(&model.circle, shape)),
+            "reversals": reversals(model),
+            "reversals_seen": model.reversals.count,
+            "events": events(model),
+            "period_us": model.timing.summary().map(|summary| {
                 [summary.p50_us, summary.p99_us, summary.max_us].map(|us| rounded(us, 1))
             }),
-            scans_seen: model.seen_scans.0,
-            scans_not_seen: model.seen_scans.1,
-        }
+            "scans_seen": model.seen_scans.0,
+            "scans_not_seen": model.seen_scans.1,
+        });
+        without_missing(frame, &["circle"])
     }
 }
 
-fn circle(view: &CircleView) -> Option<Circle<'_>> {
-    let circle = view.circle.as_ref()?;
-    let shown = |um: f64| rounded(um, 2);
-    Some(Circle {
-        plane: &circle.plane,
-        line: circle.line,
-        radius_mm: rounded(circle.radius_mm, 4),
-        feed_mm_min: circle.feed_mm_s.map(|mm_s| rounded(mm_s * 60.0, 1)),
-        running: view.running,
-        angle_rad: view.angle_rad.map(|rad| rounded(rad, 4)),
-        deviation_um: view
-            .deviation
-            .iter()
-            .map(|bin| bin.map(|bin| [bin.low_um, bin.mean_um, bin.high_um].map(shown)))
-            .collect(),
+fn of_circle(view: &CircleView, shape: &Circle) -> Value {
+    // Per degree: lowest, mean and highest; null where nothing was seen.
+    let deviation = view.deviation.iter().map(|bin| {
+        let um = bin.map(|bin| [bin.low_um, bin.mean_um, bin.high_um]);
+        um.map(|um| um.map(|um| rounded(um, 2)))
+    });
+    json!({
+        "plane": shape.plane,
+        "line": shape.line,
+        "radius_mm": rounded(shape.radius_mm, 4),
+        "feed_mm_min": round(shape.feed_mm_s.map(|mm_s| mm_s * 60.0), 1),
+        "running": view.running,
+        "angle_rad": round(view.angle_rad, 4),
+        "deviation_um": deviation.collect::<Vec<_>>(),
     })
 }
 
-fn reversals(model: &Model) -> Vec<Reversal<'_>> {
+fn reversals(model: &Model) -> Vec<Value> {
     let newest_first = model.reversals.last.iter().rev().take(REVERSALS);
     newest_first
-        .map(|reversal| Reversal {
-            axis: model.machine.axis_name(reversal.axis as usize),
-            new_direction: reversal.direction,
-            scan: reversal.scan,
-            height_um: reversal.height_um.map(|um| rounded(um, 2)),
-            undercut_um: reversal.undercut_um.map(|um| rounded(um, 2)),
-            error: ErrorPeak::of(model, reversal.axis, reversal.error_peak_um, 2),
-        })
+        .map(|of| json::reversal(model, of, 2))
         .collect()
 }
 
-fn events(model: &Model) -> Vec<Event<'_>> {
+fn events(model: &Model) -> Vec<Value> {
     let newest_first = model.events.last.iter().rev().take(EVENTS);
-    newest_first
-        .map(|event| Event {
-            number: event.number,
-            scan: event.scan,
-            event: &event.text,
-            warning: event.weight == Weight::Warning,
-        })
-        .collect()
+    let each = newest_first.map(|of| joined(json!({ "number": of.number }), json::event(of)));
+    each.collect()
 }

@@ -18,13 +18,14 @@ use std::time::{Duration, Instant};
 
 use axum::body::Bytes;
 use bus::cell::CellPaths;
-use console::exit::{Failure, Kind, Outcome};
+use console::exit::{Kind, Outcome};
 use console::signals::Signals;
 use console::{logs, output};
 use tokio::sync::watch;
 
 use crate::listening::is_loopback;
 use crate::live::feed::Feed;
+use crate::live::source::Source;
 use crate::live::trail::Trail;
 use crate::options::WebOptions;
 use frame::Frame;
@@ -167,15 +168,5 @@ impl Page {
         self.session += 1;
         self.feed.model.trail = Some(Trail::default());
         *pictures::locked(&self.pictures) = Pictures::new(&self.feed.model);
-    }
-}
-
-/// What a command that cannot be obeyed says, in words.
-fn words_of(failure: &Failure) -> String {
-    match failure {
-        Failure::Stopped(error) | Failure::Input(error) | Failure::Environment(error) => {
-            console::exit::words(error)
-        }
-        Failure::Interrupted => "interrupted".into(),
     }
 }

@@ -10,10 +10,11 @@ use std::time::{Duration, Instant};
 
 use bus::sample::Order;
 use operator::{Click, Given, click_numbered};
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
 
 use super::token::TOKEN_VARIABLE;
-use super::words_of;
+use crate::live::words::failure_words;
 
 /// A command that has not ended by then is ended: each has its own limits, and they are shorter.
 const LIMIT: Duration = Duration::from_secs(30);
@@ -22,7 +23,7 @@ const LOOK: Duration = Duration::from_millis(3);
 const AXES_MAX: usize = 16;
 
 /// What may be ordered.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "order", rename_all = "kebab-case", deny_unknown_fields)]
 pub enum WebOrder {
     /// Feed hold.
@@ -132,30 +133,22 @@ pub fn parse(body: &[u8]) -> Result<WebOrder, String> {
 impl WebOrder {
     /// The words of the command line.
     fn arguments(&self) -> Vec<String> {
-        let words = |words: &[&str]| words.iter().map(|word| (*word).to_string()).collect();
-        let switch = |on: bool| if on { "on" } else { "off" };
-        match self {
-            WebOrder::Hold => words(&["hold"]),
-            WebOrder::Resume => words(&["resume"]),
-            WebOrder::Stop => words(&["stop"]),
-            WebOrder::Estop => words(&["estop"]),
-            WebOrder::Start => words(&["start"]),
-            WebOrder::Enable => words(&["enable"]),
-            WebOrder::Disable => words(&["disable"]),
-            WebOrder::Override { percent } => words(&["override", &percent.to_string()]),
-            WebOrder::OptionalStop { on } => words(&["optional-stop", switch(*on)]),
-            WebOrder::Reset => words(&["reset"]),
-            WebOrder::SingleBlock { on } => words(&["single-block", switch(*on)]),
-            WebOrder::RapidOverride { percent } => words(&["rapid-override", &percent.to_string()]),
-            WebOrder::Zero { axis } => words(&["zero", axis]),
-            WebOrder::JogOverride { percent } => words(&["jog-override", &percent.to_string()]),
-            WebOrder::Jog { axis, distance, .. } => words(&["jog", axis, &distance.to_string()]),
-            WebOrder::Home { axes } => {
-                let mut all: Vec<String> = words(&["home"]);
-                all.extend(axes.iter().cloned());
-                all
+        let order = serde_json::to_value(self).unwrap_or_default();
+        let word = order.get("order").and_then(Value::as_str);
+        let mut words = vec![word.unwrap_or_default().to_owned()];
+        words.extend(match self {
+            WebOrder::Override { percent }
+            | WebOrder::RapidOverride { percent }
+            | WebOrder::JogOverride { percent } => vec![percent.to_string()],
+            WebOrder::OptionalStop { on } | WebOrder::SingleBlock { on } => {
+                vec![if *on { "on" } else { "off" }.to_owned()]
             }
-        }
+            WebOrder::Zero { axis } => vec![axis.clone()],
+            WebOrder::Jog { axis, distance, .. } => vec![axis.clone(), distance.to_string()],
+            WebOrder::Home { axes } => axes.clone(),
+            _ => Vec::new(),
+        });
+        words
     }
 
     /// As an order that waits for no other.
@@ -185,7 +178,7 @@ impl WebOrder {
         Some(match click_numbered(cell, axis, *distance, number) {
             Ok((Click::NotTaken, words)) => Err(words),
             Ok((_, words)) => Ok(words),
-            Err(failure) => Err(words_of(&failure)),
+            Err(failure) => Err(failure_words(&failure)),
         })
     }
 
@@ -216,7 +209,10 @@ pub fn give_urgently(order: Order, cell: &str) -> impl Future<Output = Outcome> 
             },
             Err(failure) => Err(failure),
         };
-        told(order.word(), outcome.map_err(|failure| words_of(&failure)))
+        told(
+            order.word(),
+            outcome.map_err(|failure| failure_words(&failure)),
+        )
     }
 }
 

@@ -4,12 +4,12 @@ use std::collections::VecDeque;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use axum::body::Bytes;
-use machine::{AxisKind, TURN_DEG};
+use machine::TURN_DEG;
 use path::geometry::{AxisVector, Element, Feed, Path, Shape};
 use serde::Serialize;
 use serde_json::json;
 
-use crate::live::json::rounded;
+use crate::live::json::{rounded, thousandth_of};
 use crate::live::model::Model;
 use crate::live::trail::TrailPoint;
 
@@ -129,7 +129,6 @@ pub fn shown(point: &TrailPoint) -> (f64, f64, f64, Option<f64>) {
 fn machine(model: &Model) -> Bytes {
     let machine = &model.machine;
     let axes = machine.axes.iter().zip(&model.axes).map(|(axis, view)| {
-        let homes = axis.homing.is_some();
         let increments = machine.manual.increments(axis.kind).into_iter();
         let increments = increments
             .map(|of| json!({"way": of.way, "shown": of.shown, "unit": of.unit}))
@@ -138,26 +137,16 @@ fn machine(model: &Model) -> Bytes {
             true => (0.0, TURN_DEG),
             false => (axis.travel_min_mm, axis.travel_max_mm),
         };
-        match axis.kind {
-            AxisKind::Linear => json!({
-                "axis": axis.name,
-                "unit": view.unit,
-                "minimum_mm": low,
-                "maximum_mm": high,
-                "following_error_limit_um": view.error_limit_um,
-                "homes": homes,
-                "increments": increments,
-            }),
-            AxisKind::Rotary => json!({
-                "axis": axis.name,
-                "unit": view.unit,
-                "minimum_deg": low,
-                "maximum_deg": high,
-                "following_error_limit_mdeg": view.error_limit_um,
-                "homes": homes,
-                "increments": increments,
-            }),
-        }
+        let (mm, um) = (view.unit, thousandth_of(view.unit));
+        json!({
+            "axis": axis.name,
+            "unit": view.unit,
+            (format!("minimum_{mm}")): low,
+            (format!("maximum_{mm}")): high,
+            (format!("following_error_limit_{um}")): view.error_limit_um,
+            "homes": axis.homing.is_some(),
+            "increments": increments,
+        })
     });
     let text = json!({
         "cell": model.cell,

@@ -3,7 +3,7 @@
 //!
 //! Everything has a bound: connections, browsers that look, the head and body of a request, the time for them. A frame that a browser has
 //! not taken when the next one is there is not kept for it. One that takes nothing at all is disconnected by the system after
-//! [`STALLED_MS`]. Of connections that neither look nor order the oldest goes where another one comes ([`Guests`]), so that an order
+//! [`STALLED_MS`]. Of connections that neither look nor order the oldest goes where another one comes ([`guests`]), so that an order
 //! is read at once however many are silent, and urgent orders need no turn.
 
 use std::convert::Infallible;
@@ -35,7 +35,7 @@ use tokio_stream::wrappers::WatchStream;
 use super::pictures::{Pictures, locked};
 use super::token::Token;
 use super::{guard, orders};
-use crate::guests::{Guest, Guests};
+use crate::guests::{self, Guest};
 
 /// The most connections at a time that neither look nor order.
 const GUESTS_MAX: usize = 64;
@@ -55,10 +55,22 @@ const SEND_BYTES: usize = 32 << 10;
 const PATIENCE: Duration = Duration::from_secs(5);
 /// A connection that takes nothing is closed by the system after so long.
 const STALLED_MS: u32 = 10_000;
-/// Wait after an accept that failed, as when no descriptor is left.
-const PAUSE: Duration = Duration::from_millis(100);
 /// What the page may load: what comes from here.
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'";
+
+const HTML: &str = "text/html; charset=utf-8";
+const CSS: &str = "text/css; charset=utf-8";
+const SCRIPT: &str = "text/javascript; charset=utf-8";
+/// The page and what belongs to it: where it is, its kind and its text.
+const FILES: [(&str, &str, &str); 7] = [
+    ("/", HTML, include_str!("page/page.html")),
+    ("/page.css", CSS, include_str!("page/page.css")),
+    ("/page.js", SCRIPT, include_str!("page/page.js")),
+    ("/pictures.js", SCRIPT, include_str!("page/pictures.js")),
+    ("/orders.js", SCRIPT, include_str!("page/orders.js")),
+    ("/stream.js", SCRIPT, include_str!("page/stream.js")),
+    ("/icon.svg", "image/svg+xml", include_str!("page/icon.svg")),
+];
 
 /// What is served.
 #[derive(Clone)]
@@ -88,35 +100,14 @@ struct Desk {
 /// # Errors
 /// The thread cannot be started.
 pub fn start(listener: TcpListener, served: Served) -> std::io::Result<()> {
-    listener.set_nonblocking(true)?;
-    let runtime = tokio::runtime::Builder::new_current_thread()
-        .enable_all()
-        .max_blocking_threads(ORDERS_MAX)
-        .build()?;
-    let listener = {
-        let _inside = runtime.enter();
-        tokio::net::TcpListener::from_std(listener)?
-    };
     let router = router(served);
-    std::thread::Builder::new()
-        .name("qd-web".into())
-        .spawn(move || runtime.block_on(accept(&listener, router)))?;
-    Ok(())
-}
-
-async fn accept(listener: &tokio::net::TcpListener, router: Router) {
-    let guests = Guests::at_most(GUESTS_MAX);
-    loop {
-        let Ok((stream, _)) = listener.accept().await else {
-            tokio::time::sleep(PAUSE).await;
-            continue;
-        };
+    guests::serve(listener, "qd-web", GUESTS_MAX, move |stream, guest| {
         // Without them it is served all the same, only less tightly.
         let _ = sockopt::set_socket_send_buffer_size(&stream, SEND_BYTES);
         let _ = sockopt::set_tcp_user_timeout(&stream, STALLED_MS);
         let _ = stream.set_nodelay(true);
         let router = TowerToHyperService::new(router.clone());
-        guests.serve(|guest| async move {
+        async move {
             let service = service_fn(move |mut request: hyper::Request<Incoming>| {
                 request.extensions_mut().insert(guest.clone());
                 router.call(request)
@@ -129,10 +120,8 @@ async fn accept(listener: &tokio::net::TcpListener, router: Router) {
                 .max_buf_size(HEAD_BYTES)
                 .serve_connection(TokioIo::new(stream), service)
                 .await;
-        });
-        // What it has sent already is read before the next one comes.
-        tokio::task::yield_now().await;
-    }
+        }
+    })
 }
 
 fn router(served: Served) -> Router {
@@ -142,36 +131,18 @@ fn router(served: Served) -> Router {
         ordering: Arc::new(Semaphore::new(ORDERS_MAX)),
         urgent: Arc::new(Semaphore::new(URGENT_MAX)),
     };
-    let file = |kind: &'static str, text: &'static str| {
-        get(move || async move { ([(CONTENT_TYPE, kind)], text) })
-    };
-    const SCRIPT: &str = "text/javascript; charset=utf-8";
     let shown = Router::new()
         .route("/frames", get(frames))
         .route("/machine", get(machine))
         .route("/path", get(path))
         .route("/trail", get(trail))
         .route_layer(middleware::from_fn_with_state(desk.clone(), who_looks));
-    Router::new()
-        .route(
-            "/",
-            file("text/html; charset=utf-8", include_str!("page/page.html")),
-        )
-        .route(
-            "/page.css",
-            file("text/css; charset=utf-8", include_str!("page/page.css")),
-        )
-        .route("/page.js", file(SCRIPT, include_str!("page/page.js")))
-        .route(
-            "/pictures.js",
-            file(SCRIPT, include_str!("page/pictures.js")),
-        )
-        .route("/orders.js", file(SCRIPT, include_str!("page/orders.js")))
-        .route("/stream.js", file(SCRIPT, include_str!("page/stream.js")))
-        .route(
-            "/icon.svg",
-            file("image/svg+xml", include_str!("page/icon.svg")),
-        )
+    let mut files = Router::new();
+    for (place, kind, text) in FILES {
+        let file = move || async move { ([(CONTENT_TYPE, kind)], text) };
+        files = files.route(place, get(file));
+    }
+    files
         .route("/order", post(order))
         .merge(shown)
         .fallback(|| async { (StatusCode::NOT_FOUND, "the page is at /\n") })

@@ -4,6 +4,7 @@ use bus::sample::Reference;
 use bus::service::ROLES;
 use ratatui::Frame;
 use ratatui::layout::Rect;
+use ratatui::style::Style;
 use ratatui::text::{Line, Span};
 use ratatui::widgets::Paragraph;
 
@@ -24,7 +25,7 @@ const NEAR_LIMIT: f64 = 0.5;
 pub fn draw(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
     let palette = screen.palette;
     let axes = || screen.model.axes.iter();
-    let mark = axes().any(|axis| axis.reference != Reference::Known);
+    let mark = axes().any(|axis| axis.reference() != Reference::Known);
     let fixed = FIXED + if mark { MARK } else { 0 };
     let bars = usize::from(area.width.saturating_sub(fixed).clamp(4, 60));
     let heading = format!(
@@ -57,7 +58,7 @@ pub fn error_heading<'a>(mut axes: impl Iterator<Item = &'a AxisView>) -> &'stat
 
 /// A mark at an axis that is not homed.
 fn not_homed(axis: &AxisView) -> &'static str {
-    match axis.reference {
+    match axis.reference() {
         Reference::Known => "",
         Reference::Missing => " ⌂?",
         Reference::Searching => " ⌂…",
@@ -65,49 +66,40 @@ fn not_homed(axis: &AxisView) -> &'static str {
 }
 
 fn row(axis: &AxisView, bars: usize, palette: Palette) -> Line<'static> {
+    let warn_if = |wrong: bool, otherwise: Style| if wrong { palette.warn() } else { otherwise };
     let near = |error_um: f64| error_um.abs() > NEAR_LIMIT * axis.error_limit_um;
-    let error = match axis.error_um {
-        Some(error_um) => number(error_um, true),
-        None => "-".into(),
-    };
-    let error_style = match axis.error_um {
-        Some(error_um) if near(error_um) => palette.warn(),
-        _ => palette.good(),
-    };
-    let limited = if axis.torque_limited { "!" } else { " " };
-    let torque = format!("{:>5.0}%{limited}", axis.torque_share * 100.0);
-    let torque_style = if axis.torque_limited {
-        palette.warn()
-    } else {
-        Default::default()
-    };
-    let missing = axis.missed_in_a_row > 0;
-    let missed = format!("{}{}", if missing { "▲" } else { "" }, axis.missed_scans);
-    let missed_style = if missing {
-        palette.warn()
-    } else {
-        Default::default()
-    };
+    let error = axis.now.error_um.map_or("-".into(), |um| number(um, true));
+    let error_style = warn_if(axis.now.error_um.is_some_and(near), palette.good());
+    let limited = if axis.now.torque_limited { "!" } else { " " };
+    let torque = format!("{:>5.0}%{limited}", axis.torque_share() * 100.0);
+    let torque_style = warn_if(axis.now.torque_limited, Style::new());
+    let missing = axis.now.missed_in_a_row > 0;
+    let missed = format!(
+        "{}{}",
+        if missing { "▲" } else { "" },
+        axis.now.missed_scans
+    );
+    let missed_style = warn_if(missing, Style::new());
     Line::from(vec![
         Span::styled(format!(" {:<2}", axis.name), palette.title()),
         Span::styled(format!("{:<3}", axis.unit), palette.quiet()),
         Span::raw(format!(
             "{:>11.4}{:>11.4}",
-            axis.command_mm, axis.feedback_mm
+            axis.now.command_mm, axis.now.feedback_mm
         )),
         Span::styled(format!("{error:>9}"), error_style),
-        Span::raw(format!("{:>8} ", number(axis.error_peak_um, false))),
+        Span::raw(format!("{:>8} ", number(axis.now.error_peak_um, false))),
         Span::styled(format!("{:<bars$}", history(axis, bars)), palette.good()),
         Span::styled(torque, torque_style),
         Span::raw(format!(
             "{:>7.1}{:>7}",
-            axis.winding_k,
+            axis.now.winding_k,
             axis.friction_words()
         )),
         Span::styled(format!("{missed:>6}"), missed_style),
         Span::raw(format!(
             " {}",
-            ROLES.get(axis.role as usize).copied().unwrap_or("?")
+            ROLES.get(axis.now.role as usize).copied().unwrap_or("?")
         )),
         Span::styled(not_homed(axis), palette.warn()),
     ])

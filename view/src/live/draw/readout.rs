@@ -53,19 +53,12 @@ fn positions(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>, dro: &Dro, 
             Span::styled(format!("  {:<2}", axis.name), palette.title()),
             Span::styled(format!("{:<4}", axis.unit), palette.quiet()),
             Span::styled(format!("{:>18}", of(&dro.work)), palette.good()),
-            Span::raw(format!("{:>18}", number(Some(axis.command_mm)))),
+            Span::raw(format!("{:>18}", number(Some(axis.now.command_mm)))),
             Span::raw(format!("{:>18}", of(&dro.distance_to_go))),
         ]));
     }
-    for (pair, skew_um) in screen.model.skews() {
-        let name = |index| screen.model.machine.axis_name(index);
-        lines.push(Line::raw(format!(
-            "  skew of {} and {} {skew_um:+.1} µm, at most {:.0}",
-            name(pair.leader),
-            name(pair.follower),
-            pair.skew_max_mm * 1e3
-        )));
-    }
+    let skews = screen.model.skew_words();
+    lines.extend(skews.map(|words| Line::raw(format!("  {words}"))));
     frame.render_widget(Paragraph::new(lines), inside);
 }
 

@@ -57,27 +57,26 @@ pub fn draw(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
     ]);
     let lines = vec![Line::from(first), Line::raw(second), third];
     frame.render_widget(Paragraph::new(lines), area);
-    let width = corner_width.min(area.width);
+    corner(frame, area, 1, Line::styled(right, palette.quiet()));
+    if let Some(link) = &model.link {
+        let words = format!(" {} ", link.age_words());
+        let old = link.age_s.is_none_or(|(_, max_s)| max_s > 1.0);
+        let style = if old { palette.warn() } else { palette.quiet() };
+        corner(frame, area, 2, Line::styled(words, style));
+    }
+}
+
+/// Words at the right end of a row.
+fn corner(frame: &mut Frame<'_>, area: Rect, row: u16, words: Line<'_>) {
+    let letters = words.spans.iter().map(|of| of.content.chars().count());
+    let width = (letters.sum::<usize>() as u16).min(area.width);
     let corner = Rect {
         x: area.x + area.width - width,
-        y: area.y + 1,
+        y: area.y + row,
         width,
         height: 1,
     };
-    frame.render_widget(Paragraph::new(Line::styled(right, palette.quiet())), corner);
-    if let Some(link) = &model.link {
-        let words = format!(" {} ", link.age_words());
-        let width = (words.chars().count() as u16).min(area.width);
-        let corner = Rect {
-            x: area.x + area.width - width,
-            y: area.y + 2,
-            width,
-            height: 1,
-        };
-        let old = link.age_s.is_none_or(|(_, max_s)| max_s > 1.0);
-        let style = if old { palette.warn() } else { palette.quiet() };
-        frame.render_widget(Paragraph::new(Line::styled(words, style)), corner);
-    }
+    frame.render_widget(Paragraph::new(words), corner);
 }
 
 /// How far the program is, as a bar and in words, with `kept` columns left free at the end.
