@@ -409,8 +409,11 @@ fn a_process_that_serves_metrics_and_was_killed_is_there_again_at_the_same_addre
     scrape(&address);
     send(cell.pid_of(" metrics "), libc::SIGKILL);
     // Whoever connects meanwhile waits in the socket's queue.
-    let again = scrape_until(&address, |s| s.value("quadrant_scans_total", &[]) > before);
     let monitor = ["process=\"monitor\""];
+    let again = scrape_until(&address, |s| {
+        let goes_on = s.value("quadrant_scans_total", &[]) > before;
+        goes_on && s.find("quadrant_process_up", &monitor).is_some()
+    });
     assert_eq!(again.value("quadrant_process_up", &monitor), 1.0);
     assert_eq!(again.value("quadrant_process_starts_total", &monitor), 1.0);
     end(cell);

@@ -440,7 +440,9 @@ impl Snapshot {
     }
 
     fn processes(&self, families: &mut Families<'_>) -> Outcome {
-        let processes = || self.numbers.processes.iter();
+        // Nothing is known of a process before a roster has named it.
+        let named = |of: &&ProcessNumbers| of.starts.get() > 0;
+        let processes = || self.numbers.processes.iter().filter(named);
         let gauge = MetricType::Gauge;
         let up = processes().map(|of| (labels(of), Sample::Whole(of.up.get())));
         let help = "1 while the process lives.";
