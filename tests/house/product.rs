@@ -1,53 +1,45 @@
 //! The sources of a crate as they are built: without blank lines, comments, and what only tests have.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::fs;
 use std::path::{Path, PathBuf};
 
+use super::sources;
+
 /// Lines of code of a crate, by its sources.
-pub struct Product(BTreeMap<PathBuf, Vec<String>>);
+pub struct Product {
+    root: PathBuf,
+    code: BTreeMap<PathBuf, Vec<String>>,
+}
 
 impl Product {
     /// Reads the crate whose folder this is.
     pub fn of(krate: &Path) -> Product {
         let root = krate.join("src");
         let (mut all, mut of_tests) = (BTreeMap::new(), BTreeSet::new());
-        let mut folders = vec![root.clone()];
-        while let Some(folder) = folders.pop() {
-            for entry in fs::read_dir(&folder).expect("a folder").flatten() {
-                let path = entry.path();
-                if path.is_dir() {
-                    folders.push(path);
-                } else if path.extension().is_some_and(|ending| ending == "rs") {
-                    let text = fs::read_to_string(&path).expect("a source");
-                    let (code, tests) = code(&text);
-                    let stem = path.file_stem().unwrap_or_default();
-                    let is_root = stem == "lib" || stem == "main";
-                    let inner = if is_root {
-                        folder.clone()
-                    } else {
-                        folder.join(stem)
-                    };
-                    of_tests.extend(tests.into_iter().map(|name| inner.join(name)));
-                    all.insert(path, code);
-                }
+        for (path, text) in sources(&root) {
+            let (code, tests) = code(&text);
+            let mut inner = path.with_extension("");
+            if inner.ends_with("lib") || inner.ends_with("main") {
+                inner.pop();
             }
+            of_tests.extend(tests.into_iter().map(|name| inner.join(name)));
+            all.insert(path, code);
         }
         all.retain(|path, _| {
             let file = path.with_extension("");
             !file.ancestors().any(|part| of_tests.contains(part))
         });
-        Product(all)
+        Product { root, code: all }
     }
 
     /// How many there are.
     pub fn lines(&self) -> usize {
-        self.0.values().map(Vec::len).sum()
+        self.code.values().map(Vec::len).sum()
     }
 
-    /// Modules at the top of the crate that use each other in a circle, one of each pair; a module is its file and its folder.
-    pub fn circles(&self, krate: &Path) -> Vec<String> {
-        let uses = self.uses(&krate.join("src"));
+    /// Modules at the top of the crate that lead back to themselves by what they use; a module is its file and its folder.
+    pub fn circles(&self) -> Vec<String> {
+        let uses = self.uses();
         let reached = |from: &String| {
             let (mut reached, mut open) = (BTreeSet::new(), vec![from]);
             while let Some(module) = open.pop() {
@@ -66,19 +58,23 @@ impl Product {
     }
 
     /// Which modules at the top each of them names, a name that the crate's root passes on counted where it is from.
-    fn uses(&self, root: &Path) -> BTreeMap<String, BTreeSet<String>> {
+    fn uses(&self) -> BTreeMap<String, BTreeSet<String>> {
         let path_of = |file: &Path| -> Vec<String> {
             let inner = file
-                .strip_prefix(root)
+                .strip_prefix(&self.root)
                 .expect("below src")
                 .with_extension("");
             let parts = inner.iter().map(|part| part.to_string_lossy().into_owned());
             parts.collect()
         };
-        let modules: BTreeSet<String> = self.0.keys().map(|file| path_of(file).remove(0)).collect();
-        let passed_on = self.passed_on(root);
+        let modules: BTreeSet<String> = self
+            .code
+            .keys()
+            .map(|file| path_of(file).remove(0))
+            .collect();
+        let passed_on = self.passed_on();
         let mut uses: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
-        for (file, code) in &self.0 {
+        for (file, code) in &self.code {
             let path = path_of(file);
             let own = &path[0];
             if ["lib", "main"].contains(&own.as_str()) {
@@ -97,8 +93,8 @@ impl Product {
     }
 
     /// The names that the crate's root passes on, each with the module that it is from.
-    fn passed_on(&self, root: &Path) -> BTreeMap<String, String> {
-        let text = self.0.get(&root.join("lib.rs"));
+    fn passed_on(&self) -> BTreeMap<String, String> {
+        let text = self.code.get(&self.root.join("lib.rs"));
         let text = text.map(|code| code.join(" ")).unwrap_or_default();
         let mut passed_on = BTreeMap::new();
         for of in text.split("pub use ").skip(1) {

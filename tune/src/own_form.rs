@@ -195,38 +195,7 @@ mod tests {
     use super::*;
 
     /// A machine of a rotary axis in its own units.
-    const TABLE: &str = r#"name = "table"
-
-[scan]
-period_us = 1000
-interpolation_period_scans = 8
-
-[[axis]]
-name = "A"
-kind = "rotary"
-travel_min_deg = -360.0   # one turn back
-travel_max_deg = 360
-rapid_deg_s = 120.0
-acceleration_deg_s2 = 500.0
-quick_stop_deg_s2 = 1000.0
-following_error_limit_deg = 1.0
-in_position_mdeg = 5.0
-transmission = { gear_ratio = 90 }
-motor = { rated_torque_nm = 2.0, peak_torque_nm = 6.0 }
-position_loop = { gain_per_s = 50.0 }
-reversal.method = "none"
-
-[axis.velocity_loop]
-gain_nm_s_per_rad = 240.5  # by law
-integral_time_ms = 10.0
-period_us = 250
-
-[axis.model]
-inertia_kg_m2 = 0.8
-coulomb_nm = 10.0
-viscous_nm_s_per_rad = 0.5
-friction = { share = [1.0, 0.0, 0.0, 0.0, 0.0, 0.0], break_mdeg = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0], stribeck_deg_s = 2.0, static_ratio = 1.2 }
-"#;
+    const TABLE: &str = include_str!("../../machine/tests/own-units.toml");
 
     #[test]
     fn a_file_that_was_edited_as_slides_is_written_back_as_it_speaks() {
