@@ -51,13 +51,8 @@ impl Batch {
     }
 }
 
-/// How the records of a file end: as they should, or broken.
-pub(super) type Ending = Result<(), Broken>;
-
-enum Parcel {
-    Batch(Batch),
-    End(Ending),
-}
+/// The next records, none behind the last; or why there are no more.
+type Parcel = Result<Option<Batch>, Broken>;
 
 /// What comes from the thread that reads.
 #[derive(Debug)]
@@ -85,20 +80,20 @@ impl Feed {
         })
     }
 
-    /// The next batch, or how they end; `used` is one that is done with.
-    pub(super) fn next(&mut self, used: Batch) -> Result<Batch, Ending> {
+    /// The next batch, none behind the last; `used` is one that is done with.
+    ///
+    /// # Errors
+    /// There are no more before their end.
+    pub(super) fn next(&mut self, used: Batch) -> Parcel {
         if let Some(empty) = &self.empty {
             // Nobody takes it who has ended.
             let _ = empty.send(used);
         }
-        match self.parcels.as_ref().map(Receiver::recv) {
-            Some(Ok(Parcel::Batch(batch))) => Ok(batch),
-            Some(Ok(Parcel::End(ending))) => Err(ending),
-            Some(Err(_)) | None => {
-                let early = io::Error::other("the thread that reads it ended early");
-                Err(Err(Broken::Failed(early)))
-            }
-        }
+        let parcel = self.parcels.as_ref().and_then(|all| all.recv().ok());
+        parcel.unwrap_or_else(|| {
+            let early = io::Error::other("the thread that reads it ended early");
+            Err(Broken::Failed(early))
+        })
     }
 }
 
@@ -133,14 +128,14 @@ fn hand_over(
             let mut next = empty.try_recv().unwrap_or_default();
             next.clear();
             let full = std::mem::replace(&mut batch, next);
-            if out.send(Parcel::Batch(full)).is_err() {
+            if out.send(Ok(Some(full))).is_err() {
                 return ControlFlow::Break(());
             }
         }
         ControlFlow::Continue(())
     });
-    let _ = out.send(Parcel::Batch(batch));
-    let _ = out.send(Parcel::End(ended.map(|_| ())));
+    let _ = out.send(Ok(Some(batch)));
+    let _ = out.send(ended.map(|_| None));
 }
 
 /// Whether a record says anything to a reader of samples.

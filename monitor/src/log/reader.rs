@@ -199,17 +199,17 @@ impl Reader {
             }
         };
         match feed.next(std::mem::take(&mut self.batch)) {
-            Ok(batch) => {
+            Ok(Some(batch)) => {
                 self.batch = batch;
                 self.source = Source::Feed(feed);
             }
-            Err(Ok(())) => self.finish_reading(),
-            Err(Err(Broken::Failed(source))) => return Err(LogError::of_file(&self.path)(source)),
-            Err(Err(Broken::Cut(mcap::McapError::UnexpectedEof))) => {
+            Ok(None) => self.finish_reading(),
+            Err(Broken::Failed(source)) => return Err(LogError::of_file(&self.path)(source)),
+            Err(Broken::Cut(mcap::McapError::UnexpectedEof)) => {
                 self.cut = Some("the file ends in the middle of a record".into());
                 self.finish_reading();
             }
-            Err(Err(Broken::Cut(error))) => {
+            Err(Broken::Cut(error)) => {
                 self.cut = Some(error.to_string());
                 self.finish_reading();
             }
