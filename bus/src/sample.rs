@@ -143,7 +143,7 @@ wire_enum! {
 }
 
 wire_enum! {
-    /// How far a cell is with its program: latched by the master.
+    /// Progress of a cell with its program, latched by the master.
     pub enum ProgramState {
         /// None is loaded, or the planner has refused it.
         None = 0 => "none",
@@ -330,7 +330,7 @@ pub struct HandCourse {
 }
 
 wire_enum! {
-    /// Whether the positions of an axis are those of the machine.
+    /// Reference of an axis: what its positions are worth.
     #[derive(Default)]
     pub enum Reference {
         /// They are: its encoder is absolute, or it was homed.

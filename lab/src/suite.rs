@@ -14,7 +14,7 @@ use clap::Args;
 use console::exit::{Failure, Kind, Outcome};
 use serde_json::Value;
 
-/// So many of the longest modules and tests are shown.
+/// Number of the longest modules and tests that are shown.
 const SHOWN: usize = 20;
 /// A test that took longer is told of as soon as it is over.
 const LONG_S: f64 = 5.0;

@@ -11,7 +11,7 @@ use console::{child, logs};
 
 use crate::observers::Observer;
 
-/// The desk: a command with `report` as a subcommand, and those of the observers.
+/// Command with the subcommands of the desk: `report`, and one for each observer.
 #[derive(Clone, Copy)]
 pub struct Desk<'a> {
     /// Says what this PC lacks for real time.

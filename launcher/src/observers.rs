@@ -12,12 +12,12 @@ use console::child;
 use console::output::{self, say};
 use rustix::process::{Pid, Signal, kill_process};
 
-/// So long one may take to leave; one that takes longer is killed.
+/// Time an observer has to leave before it is killed.
 const CLOSE_LIMIT: Duration = Duration::from_secs(1);
 const CLOSE_LOOK: Duration = Duration::from_millis(10);
-/// A server that has died is started again after so long.
+/// Time between the death of a server and its next start.
 const RESTART_AFTER: Duration = Duration::from_secs(1);
-/// So often at most.
+/// Most starts of a server after its deaths.
 const RESTARTS_MAX: u32 = 20;
 
 /// A process that shows a cell, and that the cell does without.

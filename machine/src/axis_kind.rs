@@ -22,7 +22,7 @@ impl AxisKind {
         }
     }
 
-    /// Its unit of deviations: a thousandth of that of positions.
+    /// Unit of its deviations, a thousandth of the unit of its positions.
     pub fn deviation_unit(self) -> &'static str {
         match self {
             AxisKind::Linear => "µm",

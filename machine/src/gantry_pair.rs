@@ -20,7 +20,7 @@ pub struct GantryPair {
 }
 
 impl GantryPair {
-    /// Puts the mean of the two motors' places, in mm, in the place of the first, and 0 in that of the second.
+    /// Puts the mean of the two motors' places, in mm, in the place of the first, and 0 in the place of the second.
     pub fn meet(&self, motors_mm: &mut [f64]) {
         let Some(end_mm) = motors_mm.get_mut(self.follower).map(std::mem::take) else {
             return;
@@ -59,15 +59,15 @@ impl Machine {
             .find(|pair| pair.leader == axis || pair.follower == axis)
     }
 
-    /// Makes of the places of all motors those of the axes that programs name: a tool in the middle of a bridge is where the mean of
-    /// its two ends is; second motors have none.
+    /// Turns the places of all motors into the places of the axes that programs name: a tool in the middle of a bridge is where the
+    /// mean of its two ends is; second motors have none.
     pub fn to_program_axes(&self, motors_mm: &mut [f64]) {
         for pair in self.gantries() {
             pair.meet(motors_mm);
         }
     }
 
-    /// Position of the second motor of a gantry less that of the first, by what the servos go by, in mm.
+    /// Skew of a gantry, in mm: position of its second motor less the position of its first, by the feedback that the servos use.
     pub fn skew_mm(&self, pair: &GantryPair, feedback: &Feedback) -> f64 {
         let place = |index: usize| {
             let (axis, shown) = (self.axes.get(index)?, feedback.axes.get(index)?);
