@@ -233,6 +233,39 @@ mod tests {
     }
 
     #[test]
+    fn near_a_lead_that_only_turns_round_it_keeps_its_limit_of_jerk() {
+        let jerk_max = 88.15;
+        let mut course = course(Some(jerk_max));
+        let mut before = [0.0; 2];
+        for (goal, step, scans) in [
+            (-185_698, 532, 298),
+            (241_985, 4_546, 52),
+            (0, 1, 24),
+            (0, 100, 23),
+            (50_480, 13, 9),
+        ] {
+            let step_max = step * FINE;
+            course.change(
+                Aim {
+                    goal: fine(goal),
+                    step_max,
+                },
+                6,
+            );
+            for _ in 0..scans {
+                course = course.advanced();
+                let step = course.step as f64 / FINE as f64;
+                let change = step - before[0];
+                assert!(
+                    (change - before[1]).abs() <= jerk_max,
+                    "{step} {change} {before:?}"
+                );
+                before = [step, change];
+            }
+        }
+    }
+
+    #[test]
     fn further_than_can_be_known_is_not_asked_for() {
         let commands = HandCommands::new(&course(None), u32::MAX);
         assert_eq!(commands.ahead_scans(), i64::from(AHEAD_SCANS_MAX));

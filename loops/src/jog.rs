@@ -6,7 +6,8 @@ use bytemuck::{Pod, Zeroable};
 /// A lead takes the largest step `s` of each scan within `±a` of the last and `±v` from which braking by `a` per scan ends no
 /// farther than the target: `s + (s − a) + (s − 2a) + … ≤ way left`. The command
 /// follows the lead by a share `k` of the way between them: `c ← c + k·(lead − c)`. So its acceleration changes by at most
-/// `2·k·a` per scan, which limits the jerk; with `k = 1` it is the lead. Near enough to a lead that has arrived it arrives.
+/// `2·k·a` per scan, which limits the jerk; with `k = 1` it is the lead. Near enough to a lead
+/// that has come to rest it arrives; not to one that only turns round, where arriving would add to a change of acceleration.
 ///
 /// Source: our own; a trapezoid of speed in integers and a filter of first order (docs/methods/two-controllers.md). Units: increments and scans.
 /// A change below 1 counts as 1. A largest step of 0 brings it to rest where it is; with any other it arrives. First call: a motion at rest.
@@ -84,7 +85,9 @@ impl JogProfile {
         let lead = motion.lead.saturating_add(lead_step);
         let way = lead.saturating_sub(motion.command);
         let arrives = self.follows_by >= 1.0
-            || (lead_step == 0 && way.saturating_abs() <= self.arrives_from.max(1));
+            || (lead_step == 0
+                && motion.lead_step == 0
+                && way.saturating_abs() <= self.arrives_from.max(1));
         let step = if arrives {
             way
         } else {
