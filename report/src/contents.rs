@@ -6,12 +6,13 @@ use serde_json::Value as Json;
 use super::axes::{AxisReport, PeakRmsPercentiles};
 use super::cause_sections;
 use super::document::{Block, Columns, Document, Fact, Outcome, Section, digits, section};
-use super::json::{
-    ArcReport, AuxiliaryReport, FaultReport, NoteReport, Report, ReversalReport, ScanRange,
-};
+use super::json::{ArcReport, NoteReport, Report, ReversalReport, ScanRange};
 use super::match_up::orders;
 use super::outcome::OutcomeKind;
 use super::peaks::PeakReport;
+use super::rounded::{r3, um};
+use crate::measure::auxiliary::AuxiliaryEvent;
+use crate::measure::faults::FaultResult;
 use crate::measure::outcome::Reaction;
 use monitor::said::Line;
 
@@ -75,9 +76,9 @@ fn notes(report: &Report) -> Vec<String> {
 /// What happened beside the axes; what comes after the first events is in report.json.
 fn auxiliary_events(report: &Report) -> Vec<String> {
     let events = report.auxiliary_events.iter();
-    let line = |event: &AuxiliaryReport| {
+    let line = |event: &AuxiliaryEvent| {
         let at_s = time_s(report, event.scan);
-        format!("{at_s:.3} s: {}", event.event)
+        format!("{at_s:.3} s: {}", event.words)
     };
     let mut lines: Vec<String> = events.take(AUXILIARY_EVENTS_MAX).map(line).collect();
     let more = report.auxiliary_events.len().saturating_sub(lines.len());
@@ -250,7 +251,7 @@ pub(super) fn faults(report: &Report) -> Vec<String> {
     faults.map(|fault| fault_words(report, fault)).collect()
 }
 
-fn fault_words(report: &Report, fault: &FaultReport) -> String {
+fn fault_words(report: &Report, fault: &FaultResult) -> String {
     let at = |scan: u64| format!("scan {scan} ({:.3} s)", time_s(report, scan));
     let noticed = match fault.noticed_after_scans {
         Some(0) => ", noticed in the same scan".into(),
@@ -262,7 +263,7 @@ fn fault_words(report: &Report, fault: &FaultReport) -> String {
         Reaction::None => "none, motion does not depend on it".into(),
         reaction => reaction.to_string(),
     };
-    let braked = match (fault.brake_distance_mm, fault.deviation_um) {
+    let braked = match (fault.brake_distance_mm.map(r3), fault.deviation_mm.map(um)) {
         (None, None) => String::new(),
         (distance, deviation) => format!(
             " (in {} mm, up to {} µm off the path)",
@@ -279,7 +280,7 @@ fn fault_words(report: &Report, fault: &FaultReport) -> String {
         at(fault.scan),
         fault.process,
         fault.kind,
-        fault.contour_error_um_max
+        um(fault.contour_error_mm)
     )
 }
 

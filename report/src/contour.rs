@@ -17,6 +17,17 @@ pub struct Nearest {
     pub tangent: AxisVector,
 }
 
+/// Length of the path before each of its elements, in mm.
+pub fn begins_mm(path: &Path) -> Vec<f64> {
+    let lengths = path.elements.iter().map(|element| element.length_mm);
+    let begins = lengths.scan(0.0, |passed_mm, length_mm| {
+        let begins_mm = *passed_mm;
+        *passed_mm += length_mm;
+        Some(begins_mm)
+    });
+    begins.collect()
+}
+
 /// Distance of `point` from the path near the tag, in mm; none if the tag names no element.
 ///
 /// The table follows its command with a lag, so the closest point may lie on an earlier element: as many neighbours

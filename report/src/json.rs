@@ -12,11 +12,13 @@ use super::gaps::{missing_scans, samples_lost};
 use super::outcome::OutcomeKind;
 use super::peaks::{PeakReport, contour_peaks};
 use super::rounded::{MaxMin, max_min, r3};
+use crate::measure::Outcome;
 use crate::measure::arc::{ArcResult, Deviations};
+use crate::measure::auxiliary::AuxiliaryEvent;
 use crate::measure::axis::LimitCounts;
+use crate::measure::faults::{FaultResult, ProcessResult};
 use crate::measure::fit::FitKind;
-use crate::measure::outcome::{Loss, Reaction, StopReason};
-use crate::measure::{Measurements, Outcome};
+use crate::measure::outcome::StopReason;
 use monitor::said::Line;
 
 /// The whole report.
@@ -86,15 +88,15 @@ pub struct Report {
     /// Setpoints beyond limits.
     pub limits: LimitCounts,
     /// Who took part.
-    pub processes: Vec<ProcessReport>,
+    pub processes: Vec<ProcessResult>,
     /// What befell them.
-    pub faults: Vec<FaultReport>,
+    pub faults: Vec<FaultResult>,
     /// What of the program was accepted with a remark; left out where nothing was.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub notes: Vec<NoteReport>,
     /// What happened to spindle, coolant, outputs and tool, and what was waited for; left out where nothing did.
     #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub auxiliary_events: Vec<AuxiliaryReport>,
+    pub auxiliary_events: Vec<AuxiliaryEvent>,
     /// What the program has said (MSG, DEBUG, PRINT, LOG), the first thousand; left out where it said nothing.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub messages: Vec<Line>,
@@ -119,15 +121,6 @@ pub struct NoteReport {
     pub count: u32,
     /// The remark.
     pub text: String,
-}
-
-/// Something that happened beside the axes.
-#[derive(Debug, Clone, Serialize)]
-pub struct AuxiliaryReport {
-    /// Scan.
-    pub scan: u64,
-    /// What happened, in words.
-    pub event: String,
 }
 
 /// How a run ended.
@@ -244,51 +237,6 @@ pub struct ReversalReport {
     pub steady: bool,
 }
 
-/// One process.
-#[derive(Debug, Clone, Serialize)]
-pub struct ProcessReport {
-    /// Its name.
-    pub process: String,
-    /// How many had its place.
-    pub starts: u32,
-    /// Deaths other than an orderly exit.
-    pub deaths: Vec<Death>,
-}
-
-/// A death.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
-pub struct Death {
-    /// Scan.
-    pub scan: u64,
-    /// Signal; 0 if it exited by itself.
-    pub signal: i32,
-}
-
-/// A fault and what followed.
-#[derive(Debug, Clone, Serialize)]
-pub struct FaultReport {
-    /// Scan.
-    pub scan: u64,
-    /// Process.
-    pub process: String,
-    /// How it was lost.
-    pub kind: Loss,
-    /// Scans until the roster showed it; null if the log does not have the roster that showed it first.
-    pub noticed_after_scans: Option<u64>,
-    /// What the machine did.
-    pub reaction: Reaction,
-    /// Largest contour error until the reaction was over, and 100 scans more.
-    pub contour_error_um_max: f64,
-    /// Way of the tool from a quick stop's beginning to its rest; left out where nothing braked off the path.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub brake_distance_mm: Option<f64>,
-    /// Largest distance from the path meanwhile.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub deviation_um: Option<f64>,
-    /// Scan in which motion went on; null if it did not stop or did not go on.
-    pub resumed_at_scan: Option<u64>,
-}
-
 impl Report {
     /// Puts a measurement into the words of the report.
     pub fn new(evaluation: &Evaluation) -> Report {
@@ -353,10 +301,10 @@ impl Report {
             reversals: reversals(evaluation),
             reversals_not_listed: evaluation.measurements.reversals_not_listed,
             limits: measurements.limits,
-            processes: processes(measurements),
-            faults: faults(measurements),
+            processes: measurements.processes.clone(),
+            faults: measurements.faults.clone(),
             notes: evaluation.notes.iter().map(note).collect(),
-            auxiliary_events: auxiliary_events(measurements),
+            auxiliary_events: measurements.auxiliary.clone(),
             messages: evaluation.said.lines.clone(),
             messages_more: evaluation.said.more,
             messages_dropped: evaluation.said.dropped,
@@ -479,48 +427,6 @@ fn reversals(evaluation: &Evaluation) -> Vec<ReversalReport> {
             undercut_um: reversal.undercut_um.map(r3),
             width_half_height_ms: reversal.width_half_height_ms.map(r3),
             steady: reversal.steady,
-        })
-        .collect()
-}
-
-fn processes(measurements: &Measurements) -> Vec<ProcessReport> {
-    let processes = measurements.processes.iter();
-    processes
-        .map(|process| ProcessReport {
-            process: process.process.clone(),
-            starts: process.starts,
-            deaths: process
-                .deaths
-                .iter()
-                .map(|&(scan, signal)| Death { scan, signal })
-                .collect(),
-        })
-        .collect()
-}
-
-fn auxiliary_events(measurements: &Measurements) -> Vec<AuxiliaryReport> {
-    let events = measurements.auxiliary.iter();
-    events
-        .map(|event| AuxiliaryReport {
-            scan: event.scan,
-            event: event.words.clone(),
-        })
-        .collect()
-}
-
-fn faults(measurements: &Measurements) -> Vec<FaultReport> {
-    let faults = measurements.faults.iter();
-    faults
-        .map(|fault| FaultReport {
-            scan: fault.scan,
-            process: fault.process.clone(),
-            kind: fault.kind,
-            noticed_after_scans: fault.noticed_after_scans,
-            reaction: fault.reaction.clone(),
-            contour_error_um_max: r3(fault.contour_error_mm * 1e3),
-            brake_distance_mm: fault.brake_distance_mm.map(r3),
-            deviation_um: fault.deviation_mm.map(|mm| r3(mm * 1e3)),
-            resumed_at_scan: fault.resumed_at_scan,
         })
         .collect()
 }

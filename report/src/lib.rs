@@ -12,7 +12,6 @@ mod cause_sections;
 mod causes;
 mod circle_plot;
 pub mod command;
-pub mod comparison;
 mod contents;
 pub mod contour;
 mod document;
@@ -59,8 +58,7 @@ pub use causes::{BallBarReport, CauseReport, ContourPartReport, ContourPartsRepo
 pub use error::ReportError;
 pub use evaluation::{Evaluation, evaluate, run_path};
 pub use json::{
-    ArcReport, Death, FaultReport, LogReport, OutcomeReport, PartReport, PeakRms, ProcessReport,
-    Report, ReversalReport, ScanRange,
+    ArcReport, LogReport, OutcomeReport, PartReport, PeakRms, Report, ReversalReport, ScanRange,
 };
 pub use outcome::OutcomeKind;
 pub use peaks::PeakReport;

@@ -16,6 +16,7 @@ use machine::{AdaptationMode, Axis, Machine, replace_file};
 use monitor::log::{LOG_FILE, Reader, Sample, part_files};
 
 use crate::learn_path;
+use crate::recording::InStep;
 
 /// Largest learned torque, as a share of the peak torque.
 const TORQUE_SHARE: f64 = 0.1;
@@ -136,46 +137,28 @@ struct Observed {
 
 /// Goes through the log once.
 fn observe(reader: &mut Reader, machine: &Machine) -> anyhow::Result<Observed> {
-    let mut axes: Vec<Option<Follower>> = machine
-        .axes
-        .iter()
-        .map(|axis| Follower::new(machine, axis))
-        .collect();
+    let axes = machine.axes.iter();
+    let mut axes: Vec<_> = axes.map(|axis| Follower::new(machine, axis)).collect();
     let mut hash = 0;
     let (mut missing_scans, mut last_scan) = (0, None);
-    let mut feedback: Option<Box<Feedback>> = None;
-    let mut commands: Vec<Option<Box<AxisCommand>>> = vec![None; machine.axes.len()];
+    let mut in_step = InStep::new(machine.axes.len());
     while let Some(sample) = reader.next_sample()? {
-        match sample {
-            Sample::Feedback(next) => {
-                if next.program_hash != 0 {
-                    hash = next.program_hash;
-                }
-                if let Some(last) = last_scan.replace(next.scan) {
-                    missing_scans += next.scan.saturating_sub(last + 1);
-                }
-                feedback = Some(next);
+        if let Sample::Feedback(next) = &sample {
+            if next.program_hash != 0 {
+                hash = next.program_hash;
             }
-            Sample::Command(command) => {
-                if let Some(place) = commands.get_mut(command.axis as usize) {
-                    *place = Some(command);
-                }
+            if let Some(last) = last_scan.replace(next.scan) {
+                missing_scans += next.scan.saturating_sub(last + 1);
             }
-            _ => {}
         }
-        let Some(now) = &feedback else { continue };
-        let whole = commands
-            .iter()
-            .all(|c| c.as_ref().is_some_and(|c| c.scan == now.scan));
-        if !whole {
+        let Some(now) = in_step.take(sample) else {
             continue;
-        }
-        for ((follower, command), axis) in axes.iter_mut().zip(&commands).zip(now.axes()) {
-            if let (Some(follower), Some(command)) = (follower, command) {
-                follower.take(now, axis, command);
+        };
+        for ((follower, command), axis) in axes.iter_mut().zip(in_step.commands()).zip(now.axes()) {
+            if let Some(follower) = follower {
+                follower.take(&now, axis, command);
             }
         }
-        feedback = None;
     }
     Ok(Observed {
         program: format!("{hash:016x}"),

@@ -5,7 +5,7 @@ use std::fs;
 use std::path::Path;
 
 use anyhow::{Context, bail};
-use bus::sample::AxisCommand;
+use bus::sample::{AxisCommand, Feedback};
 use machine::Machine;
 use monitor::log::{Reader, Sample};
 
@@ -39,6 +39,17 @@ impl Recording {
         self.motor_mm != self.scale_mm
     }
 
+    /// All that is recorded scan by scan.
+    fn all_mut(&mut self) -> [&mut Vec<f64>; 5] {
+        [
+            &mut self.motor_mm,
+            &mut self.scale_mm,
+            &mut self.torque_nm,
+            &mut self.velocity_command_mm_s,
+            &mut self.torque_command_nm,
+        ]
+    }
+
     /// Leaves what is from the first to the last change of these command positions; a command acts by so many scans later than the scan
     /// in which it was handed to the drive.
     fn trim(&mut self, command_position: &[i64], late: usize) -> anyhow::Result<()> {
@@ -52,13 +63,7 @@ impl Recording {
             commands.splice(..0, std::iter::repeat_n(0.0, late));
             commands.truncate(command_position.len());
         }
-        for values in [
-            &mut self.motor_mm,
-            &mut self.scale_mm,
-            &mut self.torque_nm,
-            &mut self.velocity_command_mm_s,
-            &mut self.torque_command_nm,
-        ] {
+        for values in self.all_mut() {
             values.truncate(to);
             values.drain(..from);
         }
@@ -70,16 +75,46 @@ impl Recording {
         let mut aligned = self.clone();
         let count = self.motor_mm.len().saturating_sub(scans);
         aligned.torque_nm.drain(..scans.min(self.torque_nm.len()));
-        for values in [
-            &mut aligned.motor_mm,
-            &mut aligned.scale_mm,
-            &mut aligned.torque_nm,
-            &mut aligned.velocity_command_mm_s,
-            &mut aligned.torque_command_nm,
-        ] {
+        for values in aligned.all_mut() {
             values.truncate(count);
         }
         aligned
+    }
+}
+
+/// Brings the feedback of a scan and the commands of all axes in it together, sample by sample.
+pub struct InStep {
+    feedback: Option<Box<Feedback>>,
+    commands: Vec<Option<Box<AxisCommand>>>,
+}
+
+impl InStep {
+    /// Of so many axes.
+    pub fn new(axes: usize) -> InStep {
+        InStep {
+            feedback: None,
+            commands: vec![None; axes],
+        }
+    }
+
+    /// Takes the next sample; the feedback of a scan, once the commands of all axes are there too.
+    pub fn take(&mut self, sample: Sample) -> Option<Box<Feedback>> {
+        match sample {
+            Sample::Feedback(feedback) => self.feedback = Some(feedback),
+            Sample::Command(command) => {
+                let place = self.commands.get_mut(command.axis as usize)?;
+                *place = Some(command);
+            }
+            _ => {}
+        }
+        let (all, commands) = (self.commands.len(), self.commands.iter().flatten());
+        let whole = |scan| commands.filter(|of| of.scan == scan).count() == all;
+        self.feedback.take_if(|feedback| whole(feedback.scan))
+    }
+
+    /// The command of each axis, of the scan whose feedback was given out.
+    pub fn commands(&self) -> impl Iterator<Item = &AxisCommand> {
+        self.commands.iter().flatten().map(Box::as_ref)
     }
 }
 
@@ -178,22 +213,19 @@ pub fn read(log: &Path, machine: &Machine) -> anyhow::Result<Vec<Recording>> {
             .zip(&machine.axes);
         for ((((recording, command_position), newest), known), axis) in places.zip(feedback.axes())
         {
-            let increment_mm = known.increment_mm();
-            recording
-                .motor_mm
-                .push(axis.motor_position as f64 * increment_mm);
-            recording
-                .scale_mm
-                .push(axis.scale_position as f64 * increment_mm);
-            recording.torque_nm.push(axis.torque_nm);
-            recording
-                .velocity_command_mm_s
-                .push(axis.velocity_command_mm_s);
+            let mm = |increments: i64| increments as f64 * known.increment_mm();
             let before_nm = recording.torque_command_nm.last().copied();
             let torque_nm = newest.torque_nm(axis.taken_role, axis.command_scan);
-            recording
-                .torque_command_nm
-                .push(torque_nm.or(before_nm).unwrap_or_default());
+            let now = [
+                mm(axis.motor_position),
+                mm(axis.scale_position),
+                axis.torque_nm,
+                axis.velocity_command_mm_s,
+                torque_nm.or(before_nm).unwrap_or_default(),
+            ];
+            for (values, value) in recording.all_mut().into_iter().zip(now) {
+                values.push(value);
+            }
             command_position.push(axis.command_position);
         }
     }

@@ -1,5 +1,6 @@
 //! `quadrant-lab bench circles`: quadrant protrusions on a grid of radii and feeds, for each way of compensating them.
 
+mod comparison;
 mod measured;
 pub(crate) mod methods;
 
@@ -8,10 +9,10 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
-use ::report::comparison::{self, Comparison, MethodPoints, Point};
 use anyhow::{Context, anyhow};
 use machine::{Machine, machine_file};
 
+use self::comparison::{Comparison, MethodPoints, Point};
 use self::measured::{Condition, Line, Measured, csv};
 use self::methods::{METHODS, Method, NEVER_WORSE_UM, REFERENCE};
 use super::lanes::in_order;

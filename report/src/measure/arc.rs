@@ -26,6 +26,7 @@ use path::geometry::{AxisVector, Path};
 use path::kinematics::Kinematics;
 
 use super::ball_bar::BallBarMeter;
+use crate::contour::begins_mm;
 use evaluate::{Keeps, Series, Taken, measure};
 pub use result::{ArcResult, CurvePoint, Deviations, Quadrant};
 pub use runs::Circle;
@@ -74,15 +75,9 @@ impl ArcMeter {
     /// For one path.
     pub fn new(path: &Path, kinematics: &Kinematics, period_s: f64) -> Self {
         let (runs, run_of) = find_runs(path, kinematics);
-        let mut length_mm = 0.0;
-        let before_mm = path.elements.iter().map(|element| {
-            let before = length_mm;
-            length_mm += element.length_mm;
-            before
-        });
         ArcMeter {
             period_s,
-            before_mm: before_mm.collect(),
+            before_mm: begins_mm(path),
             sweeps_rad: sweeps_rad(path, &run_of),
             lengths_mm: path.elements.iter().map(|e| e.length_mm).collect(),
             runs,

@@ -1,6 +1,7 @@
 //! What happened beside the axes: each change of spindle, coolant, outputs, tool and stops, with its scan.
 
 use bus::sample::{Auxiliaries, Feedback, Inputs};
+use serde::Serialize;
 
 use crate::auxiliary::{changes, switched};
 
@@ -8,11 +9,12 @@ use crate::auxiliary::{changes, switched};
 const EVENTS_MAX: usize = 1000;
 
 /// Something that happened beside the axes.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct AuxiliaryEvent {
     /// The scan.
     pub scan: u64,
     /// What.
+    #[serde(rename = "event")]
     pub words: String,
 }
 

@@ -17,8 +17,10 @@ use std::collections::BTreeMap;
 use bus::sample::{AxisFeedback, Cause, Feedback, Job, MAX_AXES, Mode, Participant, Roster};
 use machine::{Machine, Process};
 use path::geometry::AxisVector;
+use serde::{Serialize, Serializer};
 
 use super::outcome::{Loss, NotNeeded, Positions, Reaction};
+use crate::rounded::{write_r3, write_um};
 use monitor::deaths::death_of;
 use monitor::words::StopCause;
 
@@ -37,20 +39,31 @@ const STANDS_MM: f64 = 1e-4;
 const STANDS_SCANS: u32 = 20;
 
 /// A process of the run.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct ProcessResult {
     /// Its name.
     pub process: String,
     /// How many processes had its place.
     pub starts: u32,
     /// Processes that had had its place before the run began.
+    #[serde(skip)]
     started_before: u32,
     /// Deaths other than an orderly exit: scan and signal (0: it exited by itself, with a failure).
+    #[serde(serialize_with = "write_deaths")]
     pub deaths: Vec<(u64, i32)>,
 }
 
+fn write_deaths<S: Serializer>(deaths: &[(u64, i32)], to: S) -> Result<S::Ok, S::Error> {
+    #[derive(Serialize)]
+    struct Death {
+        scan: u64,
+        signal: i32,
+    }
+    to.collect_seq(deaths.iter().map(|&(scan, signal)| Death { scan, signal }))
+}
+
 /// A death and what followed.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct FaultResult {
     /// Scan of the death.
     pub scan: u64,
@@ -64,11 +77,15 @@ pub struct FaultResult {
     pub reaction: Reaction,
     /// Largest contour error from the death until the reaction was over and 100 scans more, deviation in a quick stop
     /// included, in mm.
+    #[serde(rename = "contour_error_um_max", serialize_with = "write_um")]
     pub contour_error_mm: f64,
     /// Way of the tool from the trip to its rest, in mm: along it where the log has it, else straight; none if nothing braked off
     /// the path.
+    #[serde(skip_serializing_if = "Option::is_none", serialize_with = "write_r3")]
     pub brake_distance_mm: Option<f64>,
     /// Largest distance from the path while it braked, in mm.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[serde(rename = "deviation_um", serialize_with = "write_um")]
     pub deviation_mm: Option<f64>,
     /// Scan in which motion on the path went on; none if it never stopped, or never went on.
     pub resumed_at_scan: Option<u64>,

@@ -1,6 +1,6 @@
 //! What a scope can show: one number per scan, each with its name, its unit and where it comes from.
 
-use bus::sample::{AxisCommand, AxisFeedback, BusCycle, Feedback, Instruments, Mode};
+use bus::sample::{AxisCommand, AxisFeedback, BusCycle, Feedback, MAX_AXES, MAX_SUBSAMPLES, Mode};
 use machine::{AxisKind, GantryPair, Machine, PositionFeedback};
 use path::geometry::{AxisVector, Path};
 use path::kinematics::Kinematics;
@@ -8,27 +8,6 @@ use path::kinematics::Kinematics;
 use super::error::ScopeError;
 use crate::align::ScanSet;
 use crate::contour;
-
-/// What a number is of, and with it its unit.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Dimension {
-    /// Position, in mm (degrees of a rotary axis).
-    Position,
-    /// Small distance, in µm (thousandths of a degree).
-    Deviation,
-    /// Speed, in mm/s (degrees/s).
-    Speed,
-    /// Torque, in N·m.
-    Torque,
-    /// Time, in µs.
-    Time,
-    /// Temperature difference, in K.
-    Temperature,
-    /// Share, in percent.
-    Percent,
-    /// A number of things, or the number of a thing.
-    Number,
-}
 
 /// A unit as people read and write it.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -41,186 +20,140 @@ pub struct Unit {
     accepted: &'static [(&'static str, f64)],
 }
 
-const MM: Unit = Unit {
-    shown: "mm",
-    suffix: "_mm",
-    accepted: &[("mm", 1.0), ("um", 1e-3), ("µm", 1e-3)],
-};
-const DEGREES: Unit = Unit {
-    shown: "deg",
-    suffix: "_deg",
-    accepted: &[("deg", 1.0), ("mdeg", 1e-3)],
-};
-const MICROMETRES: Unit = Unit {
-    shown: "µm",
-    suffix: "_um",
-    accepted: &[("um", 1.0), ("µm", 1.0), ("nm", 1e-3), ("mm", 1e3)],
-};
-const MILLIDEGREES: Unit = Unit {
-    shown: "mdeg",
-    suffix: "_mdeg",
-    accepted: &[("mdeg", 1.0), ("deg", 1e3)],
-};
-const MM_S: Unit = Unit {
-    shown: "mm/s",
-    suffix: "_mm_s",
-    accepted: &[("mm/s", 1.0), ("mm/min", 1.0 / 60.0), ("m/s", 1e3)],
-};
-const DEGREES_S: Unit = Unit {
-    shown: "deg/s",
-    suffix: "_deg_s",
-    accepted: &[("deg/s", 1.0), ("deg/min", 1.0 / 60.0)],
-};
-const NEWTON_METRES: Unit = Unit {
-    shown: "N·m",
-    suffix: "_nm",
-    accepted: &[("Nm", 1.0), ("N·m", 1.0), ("mNm", 1e-3)],
-};
-const MICROSECONDS: Unit = Unit {
-    shown: "µs",
-    suffix: "_us",
-    accepted: &[("us", 1.0), ("µs", 1.0), ("ns", 1e-3), ("ms", 1e3)],
-};
-const KELVIN: Unit = Unit {
-    shown: "K",
-    suffix: "_k",
-    accepted: &[("K", 1.0)],
-};
-const PERCENT: Unit = Unit {
-    shown: "%",
-    suffix: "_percent",
-    accepted: &[("%", 1.0)],
-};
-const NONE: Unit = Unit {
-    shown: "",
-    suffix: "",
-    accepted: &[],
-};
-
-impl Dimension {
-    fn unit(self, kind: AxisKind) -> Unit {
-        match (self, kind) {
-            (Dimension::Position, AxisKind::Linear) => MM,
-            (Dimension::Position, AxisKind::Rotary) => DEGREES,
-            (Dimension::Deviation, AxisKind::Linear) => MICROMETRES,
-            (Dimension::Deviation, AxisKind::Rotary) => MILLIDEGREES,
-            (Dimension::Speed, AxisKind::Linear) => MM_S,
-            (Dimension::Speed, AxisKind::Rotary) => DEGREES_S,
-            (Dimension::Torque, _) => NEWTON_METRES,
-            (Dimension::Time, _) => MICROSECONDS,
-            (Dimension::Temperature, _) => KELVIN,
-            (Dimension::Percent, _) => PERCENT,
-            (Dimension::Number, _) => NONE,
-        }
+const fn unit(
+    shown: &'static str,
+    suffix: &'static str,
+    accepted: &'static [(&'static str, f64)],
+) -> Unit {
+    Unit {
+        shown,
+        suffix,
+        accepted,
     }
 }
 
-/// What is known of one axis in each scan.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum OfAxis {
-    Command,
-    Feedback,
-    FollowingError,
-    Velocity,
-    VelocityCommand,
-    Torque,
-    TorqueCommand,
-    Table,
-    WindUp,
-    Winding,
-    MissedScans,
-    Pulse,
-    FrictionLevel,
-    Unexplained,
-    Role,
-}
+/// Units of one kind of number: of a slide, and of a rotary axis.
+type Units = [Unit; 2];
 
-/// What is known of the whole cell in each scan.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum OfCell {
-    ContourError,
-    PathDistance,
-    Line,
-    Mode,
-    Hold,
-    Override,
-    OverrunScans,
-}
+const POSITION: Units = [
+    unit("mm", "_mm", &[("mm", 1.0), ("um", 1e-3), ("µm", 1e-3)]),
+    unit("deg", "_deg", &[("deg", 1.0), ("mdeg", 1e-3)]),
+];
+/// Small distances.
+const DEVIATION: Units = [
+    unit("µm", "_um", MICROMETRES),
+    unit("mdeg", "_mdeg", &[("mdeg", 1.0), ("deg", 1e3)]),
+];
+const MICROMETRES: &[(&str, f64)] = &[("um", 1.0), ("µm", 1.0), ("nm", 1e-3), ("mm", 1e3)];
+const SPEED: Units = [
+    unit("mm/s", "_mm_s", MM_S),
+    unit(
+        "deg/s",
+        "_deg_s",
+        &[("deg/s", 1.0), ("deg/min", 1.0 / 60.0)],
+    ),
+];
+const MM_S: &[(&str, f64)] = &[("mm/s", 1.0), ("mm/min", 1.0 / 60.0), ("m/s", 1e3)];
+const TORQUE: Units = [unit("N·m", "_nm", NEWTON_METRES); 2];
+const NEWTON_METRES: &[(&str, f64)] = &[("Nm", 1.0), ("N·m", 1.0), ("mNm", 1e-3)];
+const TIME: Units = [unit("µs", "_us", MICROSECONDS); 2];
+const MICROSECONDS: &[(&str, f64)] = &[("us", 1.0), ("µs", 1.0), ("ns", 1e-3), ("ms", 1e3)];
+/// Temperature differences.
+const TEMPERATURE: Units = [unit("K", "_k", &[("K", 1.0)]); 2];
+const PERCENT: Units = [unit("%", "_percent", &[("%", 1.0)]); 2];
+/// A number of things, or the number of a thing.
+const NUMBER: Units = [unit("", "", &[]); 2];
 
+/// What can be seen in each scan: its word, its units, what it is for people, and how it is seen; none where it is not known.
+type Kind = (&'static str, Units, &'static str, See);
+type See = fn(&Seen) -> Option<f64>;
+
+/// Of each axis.
 #[rustfmt::skip] // a table
-const OF_AXIS: [(OfAxis, &str, Dimension, &str); 15] = [
-    (OfAxis::Command,         "command",          Dimension::Position,    "position command that the servo made in this scan"),
-    (OfAxis::Feedback,        "feedback",         Dimension::Position,    "position that the servo read: encoder, or scale where it uses it"),
-    (OfAxis::FollowingError,  "following_error",  Dimension::Deviation,   "command minus feedback, compensation not counted"),
-    (OfAxis::Velocity,        "velocity",         Dimension::Speed,       "measured by the drive"),
-    (OfAxis::VelocityCommand, "velocity_command", Dimension::Speed,       "velocity command that acts in this scan"),
-    (OfAxis::Torque,          "torque",           Dimension::Torque,      "of the motor, at the end of the scan before"),
-    (OfAxis::TorqueCommand,   "torque_command",   Dimension::Torque,      "asked for by the servo in this scan: fed forward, or all of it in torque mode"),
-    (OfAxis::Table,           "table",            Dimension::Position,    "the table at the end of the scan, as the bench's instruments see it"),
-    (OfAxis::WindUp,          "wind_up",          Dimension::Deviation,   "motor minus table at the end of the scan: wind-up and lost motion"),
-    (OfAxis::Winding,         "winding",          Dimension::Temperature, "winding temperature above ambient"),
-    (OfAxis::MissedScans,     "missed_scans",     Dimension::Number,      "scans without a command in time, in all"),
-    (OfAxis::Pulse,            "pulse",             Dimension::Speed,       "backlash acceleration now being output"),
-    (OfAxis::FrictionLevel,   "friction_level",   Dimension::Percent,     "friction that the servo goes by, of that of its model"),
-    (OfAxis::Unexplained,     "unexplained",      Dimension::Percent,     "part of Coulomb friction that the last way between two reversals left unexplained"),
-    (OfAxis::Role,            "role",             Dimension::Number,      "servo whose command was taken: 0 for a, 1 for its standby"),
+const OF_AXIS: [Kind; 15] = [
+    ("command", POSITION, "position command that the servo made in this scan",
+        |of| of.mm(of.command()?.position)),
+    ("feedback", POSITION, "position that the servo read: encoder, or scale where it uses it",
+        |of| of.position_mm()),
+    ("following_error", DEVIATION, "command minus feedback, compensation not counted",
+        |of| Some(of.command()?.following_error_mm * 1e3)),
+    ("velocity", SPEED, "measured by the drive",
+        |of| Some(of.axis()?.velocity_mm_s)),
+    ("velocity_command", SPEED, "velocity command that acts in this scan",
+        |of| Some(of.axis()?.velocity_command_mm_s)),
+    ("torque", TORQUE, "of the motor, at the end of the scan before",
+        |of| Some(of.axis()?.torque_nm)),
+    ("torque_command", TORQUE, "asked for by the servo in this scan: fed forward, or all of it in torque mode",
+        |of| Some(of.command()?.torque_nm)),
+    ("table", POSITION, "the table at the end of the scan, as the bench's instruments see it",
+        |of| of.last_mm(of.axis, &of.set.instruments.as_ref()?.table_mm)),
+    ("wind_up", DEVIATION, "motor minus table at the end of the scan: wind-up and lost motion",
+        |of| of.wind_up_um()),
+    ("winding", TEMPERATURE, "winding temperature above ambient",
+        |of| Some(of.axis()?.winding_k)),
+    ("missed_scans", NUMBER, "scans without a command in time, in all",
+        |of| Some(of.axis()?.missed_scans.into())),
+    ("pulse", SPEED, "backlash acceleration now being output",
+        |of| Some(of.command()?.friction_pulse_mm_s)),
+    ("friction_level", PERCENT, "friction that the servo goes by, of that of its model",
+        |of| Some(of.command()?.friction_level * 100.0)),
+    ("unexplained", PERCENT, "part of Coulomb friction that the last way between two reversals left unexplained",
+        |of| Some(of.command()?.friction_unexplained * 100.0)),
+    ("role", NUMBER, "servo whose command was taken: 0 for a, 1 for its standby",
+        |of| Some(of.axis()?.taken_role.into())),
 ];
 
+/// Of the whole cell.
 #[rustfmt::skip] // a table
-const OF_CELL: [(OfCell, &str, Dimension, &str); 7] = [
-    (OfCell::ContourError, "contour_error", Dimension::Deviation, "distance of the table from the programmed path at the end of the scan"),
-    (OfCell::PathDistance, "path_distance", Dimension::Position,  "way along the program's path"),
-    (OfCell::Line,         "line",          Dimension::Number,    "line of the program that is under way"),
-    (OfCell::Mode,         "mode",          Dimension::Number,    "0 disabled, 1 enabled, 2 stopping, 3 stopped, 4 tripped, 5 finished, 6 jogging, 7 ready"),
-    (OfCell::Hold,         "hold",          Dimension::Number,    "1 while feed hold is latched"),
-    (OfCell::Override,     "override",      Dimension::Percent,   "feed override"),
-    (OfCell::OverrunScans, "overrun_scans", Dimension::Number,    "scans skipped because the master was late, in all"),
+const OF_CELL: [Kind; 7] = [
+    ("contour_error", DEVIATION, "distance of the table from the programmed path at the end of the scan",
+        |of| of.contour_error_um()),
+    ("path_distance", POSITION, "way along the program's path",
+        |of| of.path_distance_mm()),
+    ("line", NUMBER, "line of the program that is under way",
+        |of| Some(of.path()?.line_of(of.feedback)?.into())),
+    ("mode", NUMBER, "0 disabled, 1 enabled, 2 stopping, 3 stopped, 4 tripped, 5 finished, 6 jogging, 7 ready",
+        |of| Some(of.feedback.mode.into())),
+    ("hold", NUMBER, "1 while feed hold is latched",
+        |of| Some(of.feedback.hold.into())),
+    ("override", PERCENT, "feed override",
+        |of| Some(of.feedback.override_percent.into())),
+    ("overrun_scans", NUMBER, "scans skipped because the master was late, in all",
+        |of| Some(of.feedback.overrun_scans.into())),
 ];
 
-/// What is known of the fieldbus in each scan.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum OfBus {
-    RoundTrip,
-    ClockOffset,
-    Sent,
-    Missed,
-    Short,
-    Late,
-    Foreign,
-    Repeated,
-    SlavesOperational,
-}
-
+/// Of each axis of a machine with a fieldbus.
 #[rustfmt::skip] // a table
-const OF_BUS: [(OfBus, &str, Dimension, &str); 9] = [
-    (OfBus::RoundTrip,         "round_trip",         Dimension::Time,   "from sending the frame of this scan to its answer; not known without an answer"),
-    (OfBus::ClockOffset,       "clock_offset",       Dimension::Time,   "how much later than in the middle between two SYNC0 the frame passed the reference clock"),
-    (OfBus::Sent,              "sent",               Dimension::Number, "frames sent, in all"),
-    (OfBus::Missed,            "missed",             Dimension::Number, "frames without an answer in time, in all"),
-    (OfBus::Short,             "short",              Dimension::Number, "frames that some slave took no part in, in all"),
-    (OfBus::Late,              "late",               Dimension::Number, "answers that came too late or twice, in all"),
-    (OfBus::Foreign,           "foreign",            Dimension::Number, "frames of others and damaged ones, in all"),
-    (OfBus::Repeated,          "repeated",           Dimension::Number, "frames sent again because the master was silent, in all"),
-    (OfBus::SlavesOperational, "slaves_operational", Dimension::Number, "slaves in operation (AL state OP)"),
+const OF_DRIVE: [Kind; 1] = [
+    ("inputs", NUMBER, "digital inputs of the drive (object 60FD) as one number, 0 where its process data lack them",
+        |of| Some(*of.bus()?.inputs.get(of.axis)? as f64)),
 ];
 
-/// Of the axes of a machine with a fieldbus: the digital inputs of the drive.
-const INPUTS: (&str, &str) = (
-    "inputs",
-    "digital inputs of the drive (object 60FD) as one number, 0 where its process data lack them",
-);
-
-/// Whose number.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum What {
-    Axis(usize, OfAxis),
-    Inputs(usize),
-    Cell(OfCell),
-    Bus(OfBus),
-}
+/// Of the fieldbus.
+#[rustfmt::skip] // a table
+const OF_BUS: [Kind; 9] = [
+    ("round_trip", TIME, "from sending the frame of this scan to its answer; not known without an answer",
+        |of| of.bus()?.round_trip_s().and(Some(of.bus()?.round_trip_ns as f64 / 1e3))),
+    ("clock_offset", TIME, "how much later than in the middle between two SYNC0 the frame passed the reference clock",
+        |of| of.bus()?.clock_offset_s().and(Some(of.bus()?.clock_offset_ns as f64 / 1e3))),
+    ("sent", NUMBER, "frames sent, in all",
+        |of| Some(of.bus()?.sent as f64)),
+    ("missed", NUMBER, "frames without an answer in time, in all",
+        |of| Some(of.bus()?.missed as f64)),
+    ("short", NUMBER, "frames that some slave took no part in, in all",
+        |of| Some(of.bus()?.short as f64)),
+    ("late", NUMBER, "answers that came too late or twice, in all",
+        |of| Some(of.bus()?.late as f64)),
+    ("foreign", NUMBER, "frames of others and damaged ones, in all",
+        |of| Some(of.bus()?.foreign as f64)),
+    ("repeated", NUMBER, "frames sent again because the master was silent, in all",
+        |of| Some(of.bus()?.repeated as f64)),
+    ("slaves_operational", NUMBER, "slaves in operation (AL state OP)",
+        |of| Some(of.bus()?.slaves_operational.into())),
+];
 
 /// A signal of one machine.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone)]
 pub struct Signal {
     /// As it is asked for: `X.torque`, `contour_error`.
     pub name: String,
@@ -228,54 +161,53 @@ pub struct Signal {
     pub unit: Unit,
     /// What it is, for people.
     pub about: &'static str,
-    what: What,
+    /// Index of its axis; 0 where it is of none.
+    axis: usize,
+    see: See,
+}
+
+impl PartialEq for Signal {
+    fn eq(&self, other: &Signal) -> bool {
+        (&self.name, self.unit) == (&other.name, other.unit)
+    }
 }
 
 impl Signal {
     /// All signals of a machine, axis by axis, then those of the cell, then those of its fieldbus.
     pub fn all(machine: &Machine) -> Vec<Signal> {
-        let axes = machine.axes.iter().enumerate().flat_map(|(index, axis)| {
-            OF_AXIS
-                .iter()
-                .map(move |&(what, word, dimension, about)| Signal {
-                    name: format!("{}.{word}", axis.name),
-                    unit: dimension.unit(axis.kind),
-                    about,
-                    what: What::Axis(index, what),
-                })
-        });
-        let cell = OF_CELL
-            .iter()
-            .map(|&(what, word, dimension, about)| Signal {
-                name: word.into(),
-                unit: dimension.unit(AxisKind::Linear),
-                about,
-                what: What::Cell(what),
-            });
-        axes.chain(cell).chain(Signal::of_bus(machine)).collect()
+        let of_axes = |kinds: &'static [Kind]| {
+            let axes = machine.axes.iter().enumerate();
+            axes.flat_map(move |(index, axis)| {
+                let prefix = format!("{}.", axis.name);
+                let signal = move |kind| Signal::of(kind, &prefix, axis.kind, index);
+                kinds.iter().map(signal)
+            })
+        };
+        let of_cell = |prefix: &'static str, kinds: &'static [Kind]| {
+            let signal = move |kind| Signal::of(kind, prefix, AxisKind::Linear, 0);
+            kinds.iter().map(signal)
+        };
+        let mut all: Vec<Signal> = of_axes(&OF_AXIS).chain(of_cell("", &OF_CELL)).collect();
+        if machine.bus.is_some() {
+            all.extend(of_axes(&OF_DRIVE).chain(of_cell("bus.", &OF_BUS)));
+        }
+        all
     }
 
-    /// Those that a machine has with a fieldbus.
-    fn of_bus(machine: &Machine) -> Vec<Signal> {
-        if machine.bus.is_none() {
-            return Vec::new();
-        }
-        let signal = |name: String, dimension: Dimension, about, what| Signal {
-            name,
-            unit: dimension.unit(AxisKind::Linear),
-            about,
-            what,
+    fn of(&(word, units, about, see): &Kind, prefix: &str, kind: AxisKind, axis: usize) -> Signal {
+        let [slide, rotary] = units;
+        let name = format!("{prefix}{word}");
+        let unit = match kind {
+            AxisKind::Linear => slide,
+            AxisKind::Rotary => rotary,
         };
-        let axes = machine.axes.iter().enumerate();
-        let inputs = axes.map(|(index, axis)| {
-            let (word, about) = INPUTS;
-            let name = format!("{}.{word}", axis.name);
-            signal(name, Dimension::Number, about, What::Inputs(index))
-        });
-        let bus = OF_BUS.iter().map(|&(what, word, dimension, about)| {
-            signal(format!("bus.{word}"), dimension, about, What::Bus(what))
-        });
-        inputs.chain(bus).collect()
+        Signal {
+            name,
+            unit,
+            about,
+            axis,
+            see,
+        }
     }
 
     /// The signal of this name.
@@ -289,21 +221,22 @@ impl Signal {
             return Ok(signal.clone());
         }
         let letters: Vec<&str> = machine.axes.iter().map(|axis| axis.name.as_str()).collect();
-        let of_axis: Vec<&str> = OF_AXIS.iter().map(|&(_, word, ..)| word).collect();
-        let of_cell: Vec<&str> = OF_CELL.iter().map(|&(_, word, ..)| word).collect();
+        let words = |kinds: &[Kind]| {
+            let words: Vec<&str> = kinds.iter().map(|(word, ..)| *word).collect();
+            words.join(", ")
+        };
         let bus = machine.bus.is_some();
-        let of_bus: Vec<&str> = OF_BUS.iter().map(|&(_, word, ..)| word).collect();
         let right = match wanted.split_once('.') {
-            Some(("bus", _)) if bus => format!("the bus has {}", of_bus.join(", ")),
+            Some(("bus", _)) if bus => format!("the bus has {}", words(&OF_BUS)),
             Some(("bus", _)) => format!("machine {} has no bus", machine.name),
             Some((axis, _)) if !letters.iter().any(|l| l.eq_ignore_ascii_case(axis)) => {
                 format!("machine {} has axes {}", machine.name, letters.join(", "))
             }
-            Some(_) => format!("an axis has {}", of_axis.join(", ")),
+            Some(_) => format!("an axis has {}", words(&OF_AXIS)),
             None => format!(
                 "the cell has {}; an axis, written AXIS.NAME, has {}",
-                of_cell.join(", "),
-                of_axis.join(", ")
+                words(&OF_CELL),
+                words(&OF_AXIS)
             ),
         };
         Err(ScopeError::Input(format!(
@@ -313,10 +246,7 @@ impl Signal {
 
     /// Whether it can only be known with the path of the program.
     pub fn needs_path(&self) -> bool {
-        matches!(
-            self.what,
-            What::Cell(OfCell::ContourError | OfCell::PathDistance | OfCell::Line)
-        )
+        ["contour_error", "path_distance", "line"].contains(&self.name.as_str())
     }
 
     /// Name of its column: the name with its unit at the end.
@@ -334,15 +264,13 @@ impl Signal {
 
     /// Whether it counts things or names one: between two values there is none.
     pub fn is_whole(&self) -> bool {
-        self.unit == NONE
+        self.unit.shown.is_empty()
     }
 
     /// A value of it in words, where a number would tell nothing.
     pub fn word(&self, value: f64) -> Option<&'static str> {
-        match self.what {
-            What::Cell(OfCell::Mode) => Mode::from_wire(value as u32).map(Mode::word),
-            _ => None,
-        }
+        let mode = (self.name == "mode").then(|| Mode::from_wire(value as u32));
+        mode.flatten().map(Mode::word)
     }
 
     /// A number with or without a unit, in the unit of this signal.
@@ -394,17 +322,10 @@ pub struct KnownPath {
 impl KnownPath {
     /// Of the program that path tags with this hash belong to.
     pub fn new(hash: u64, path: Path) -> KnownPath {
-        let mut sum_mm = 0.0;
-        let begin = |element: &path::geometry::Element| {
-            let begins_mm = sum_mm;
-            sum_mm += element.length_mm;
-            begins_mm
-        };
-        let begins_mm = path.elements.iter().map(begin).collect();
         KnownPath {
             hash,
+            begins_mm: contour::begins_mm(&path),
             path,
-            begins_mm,
         }
     }
 
@@ -464,111 +385,82 @@ impl Eyes {
 
     /// The value of a signal in one scan; NaN where it is not known.
     pub fn see(&self, signal: &Signal, set: &ScanSet, feedback: &Feedback) -> f64 {
-        let value = match signal.what {
-            What::Axis(axis, what) => feedback.axes().get(axis).and_then(|of_feedback| {
-                let command = set.command(axis);
-                self.of_axis(what, axis, of_feedback, command, set.instruments.as_deref())
-            }),
-            What::Cell(what) => self.of_cell(what, feedback, set.instruments.as_deref()),
-            What::Inputs(axis) => {
-                let inputs = set
-                    .bus_cycle
-                    .as_ref()
-                    .and_then(|cycle| cycle.inputs.get(axis));
-                inputs.map(|inputs| *inputs as f64)
-            }
-            What::Bus(what) => set.bus_cycle.as_ref().and_then(|cycle| of_bus(what, cycle)),
+        let seen = Seen {
+            eyes: self,
+            set,
+            feedback,
+            axis: signal.axis,
         };
-        value.unwrap_or(f64::NAN)
-    }
-
-    fn of_axis(
-        &self,
-        what: OfAxis,
-        axis: usize,
-        feedback: &AxisFeedback,
-        command: Option<&AxisCommand>,
-        instruments: Option<&Instruments>,
-    ) -> Option<f64> {
-        let increment_mm = *self.increment_mm.get(axis)?;
-        let last_mm = |rows: &[[f64; bus::sample::MAX_SUBSAMPLES]; bus::sample::MAX_AXES]| {
-            let last = (instruments?.subsamples as usize).checked_sub(1)?;
-            rows.get(axis)?.get(last).copied()
-        };
-        Some(match what {
-            OfAxis::Command => command?.position as f64 * increment_mm,
-            OfAxis::Feedback if *self.by_scale.get(axis)? => {
-                feedback.scale_position as f64 * increment_mm
-            }
-            OfAxis::Feedback => feedback.motor_position as f64 * increment_mm,
-            OfAxis::FollowingError => command?.following_error_mm * 1e3,
-            OfAxis::Velocity => feedback.velocity_mm_s,
-            OfAxis::VelocityCommand => feedback.velocity_command_mm_s,
-            OfAxis::Torque => feedback.torque_nm,
-            OfAxis::TorqueCommand => command?.torque_nm,
-            OfAxis::Table => last_mm(&instruments?.table_mm)?,
-            OfAxis::WindUp => {
-                let instruments = instruments?;
-                (last_mm(&instruments.motor_mm)? - last_mm(&instruments.table_mm)?) * 1e3
-            }
-            OfAxis::Winding => feedback.winding_k,
-            OfAxis::MissedScans => f64::from(feedback.missed_scans),
-            OfAxis::Pulse => command?.friction_pulse_mm_s,
-            OfAxis::FrictionLevel => command?.friction_level * 100.0,
-            OfAxis::Unexplained => command?.friction_unexplained * 100.0,
-            OfAxis::Role => f64::from(feedback.taken_role),
-        })
-    }
-
-    fn of_cell(
-        &self,
-        what: OfCell,
-        feedback: &Feedback,
-        instruments: Option<&Instruments>,
-    ) -> Option<f64> {
-        let path = || self.path.as_ref().filter(|path| path.is_of(feedback));
-        Some(match what {
-            OfCell::ContourError => {
-                let instruments = instruments?;
-                let last = (instruments.subsamples as usize).checked_sub(1)?;
-                let mut table_mm = AxisVector::zeros();
-                let rows = instruments.table_mm.iter().take(self.increment_mm.len());
-                for (to, row) in table_mm.iter_mut().zip(rows) {
-                    *to = *row.get(last)?;
-                }
-                for pair in &self.gantries {
-                    pair.meet(table_mm.as_mut_slice());
-                }
-                let tool_mm = self.kinematics.tool(&table_mm);
-                contour::error_mm(&path()?.path, &feedback.tag, &tool_mm)? * 1e3
-            }
-            OfCell::PathDistance => {
-                let begins_mm = path()?.begins_mm.get(feedback.tag.element as usize)?;
-                begins_mm + feedback.tag.distance_mm
-            }
-            OfCell::Line => f64::from(path()?.line_of(feedback)?),
-            OfCell::Mode => f64::from(feedback.mode),
-            OfCell::Hold => f64::from(feedback.hold),
-            OfCell::Override => f64::from(feedback.override_percent),
-            OfCell::OverrunScans => f64::from(feedback.overrun_scans),
-        })
+        (signal.see)(&seen).unwrap_or(f64::NAN)
     }
 }
 
-fn of_bus(what: OfBus, cycle: &BusCycle) -> Option<f64> {
-    Some(match what {
-        OfBus::RoundTrip => cycle
-            .round_trip_s()
-            .map(|_| cycle.round_trip_ns as f64 / 1e3)?,
-        OfBus::ClockOffset => cycle
-            .clock_offset_s()
-            .map(|_| cycle.clock_offset_ns as f64 / 1e3)?,
-        OfBus::Sent => cycle.sent as f64,
-        OfBus::Missed => cycle.missed as f64,
-        OfBus::Short => cycle.short as f64,
-        OfBus::Late => cycle.late as f64,
-        OfBus::Foreign => cycle.foreign as f64,
-        OfBus::Repeated => cycle.repeated as f64,
-        OfBus::SlavesOperational => f64::from(cycle.slaves_operational),
-    })
+/// One scan, as a signal is seen in it.
+struct Seen<'a> {
+    eyes: &'a Eyes,
+    set: &'a ScanSet,
+    feedback: &'a Feedback,
+    axis: usize,
+}
+
+impl Seen<'_> {
+    fn axis(&self) -> Option<&AxisFeedback> {
+        self.feedback.axes().get(self.axis)
+    }
+
+    fn command(&self) -> Option<&AxisCommand> {
+        self.set.command(self.axis)
+    }
+
+    fn bus(&self) -> Option<&BusCycle> {
+        self.set.bus_cycle.as_deref()
+    }
+
+    fn path(&self) -> Option<&KnownPath> {
+        let path = self.eyes.path.as_ref();
+        path.filter(|path| path.is_of(self.feedback))
+    }
+
+    fn mm(&self, increments: i64) -> Option<f64> {
+        Some(increments as f64 * self.eyes.increment_mm.get(self.axis)?)
+    }
+
+    fn position_mm(&self) -> Option<f64> {
+        let axis = self.axis()?;
+        self.mm(match self.eyes.by_scale.get(self.axis)? {
+            true => axis.scale_position,
+            false => axis.motor_position,
+        })
+    }
+
+    /// Where an instrument saw an axis at the end of the scan.
+    fn last_mm(&self, axis: usize, rows: &[[f64; MAX_SUBSAMPLES]; MAX_AXES]) -> Option<f64> {
+        let last = (self.set.instruments.as_ref()?.subsamples as usize).checked_sub(1)?;
+        rows.get(axis)?.get(last).copied()
+    }
+
+    fn wind_up_um(&self) -> Option<f64> {
+        let instruments = self.set.instruments.as_ref()?;
+        let [motor, table] = [&instruments.motor_mm, &instruments.table_mm];
+        Some((self.last_mm(self.axis, motor)? - self.last_mm(self.axis, table)?) * 1e3)
+    }
+
+    fn contour_error_um(&self) -> Option<f64> {
+        let instruments = self.set.instruments.as_ref()?;
+        let mut table_mm = AxisVector::zeros();
+        let axes = 0..self.eyes.increment_mm.len();
+        for (to, axis) in table_mm.iter_mut().zip(axes) {
+            *to = self.last_mm(axis, &instruments.table_mm)?;
+        }
+        for pair in &self.eyes.gantries {
+            pair.meet(table_mm.as_mut_slice());
+        }
+        let tool_mm = self.eyes.kinematics.tool(&table_mm);
+        Some(contour::error_mm(&self.path()?.path, &self.feedback.tag, &tool_mm)? * 1e3)
+    }
+
+    fn path_distance_mm(&self) -> Option<f64> {
+        let tag = &self.feedback.tag;
+        Some(self.path()?.begins_mm.get(tag.element as usize)? + tag.distance_mm)
+    }
 }

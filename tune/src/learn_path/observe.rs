@@ -3,9 +3,11 @@
 use std::path::Path as FilePath;
 
 use crate::path_learning::{Pass, PassScan};
+use crate::recording::InStep;
+use ::report::contour::begins_mm;
 use ::report::measure::RunPath;
 use anyhow::{bail, ensure};
-use bus::sample::{AxisCommand, Feedback, Mode, PathTag};
+use bus::sample::{Feedback, Mode, PathTag};
 use loops::path_correction::{Knot, PathCorrection};
 use machine::learned_path::{LEARNED_PATH_ROWS_MAX, LearnedPath};
 use machine::{Machine, PositionFeedback};
@@ -66,7 +68,7 @@ pub(crate) fn observe(
         "{}: is not whole: nothing is learned along the path: run again",
         log.display()
     );
-    let starts = starts(&path);
+    let starts = begins_mm(&path);
     let program_hash = gathering.program_hash;
     let scans = gathering.finish()?;
     let elements = elements(&starts, &scans);
@@ -78,18 +80,6 @@ pub(crate) fn observe(
         elements,
         pass,
     })
-}
-
-/// Length of the path before each element, in mm.
-fn starts(path: &Path) -> Vec<f64> {
-    let lengths = path.elements.iter().map(|element| element.length_mm);
-    lengths
-        .scan(0.0, |passed_mm, length_mm| {
-            let start_mm = *passed_mm;
-            *passed_mm += length_mm;
-            Some(start_mm)
-        })
-        .collect()
 }
 
 /// From the first element that the tool was on to the last.
@@ -198,8 +188,7 @@ fn offsets_mm(machine: &Machine, scans: &[Seen]) -> anyhow::Result<AxisVector> {
 /// Brings the channels together and judges whether the run is one to learn from.
 struct Gathering<'a> {
     machine: &'a Machine,
-    feedback: Option<Box<Feedback>>,
-    commands: Vec<Option<Box<AxisCommand>>>,
+    in_step: InStep,
     scans: Vec<Seen>,
     last_scan: Option<u64>,
     epoch: Option<u32>,
@@ -212,8 +201,7 @@ impl Gathering<'_> {
     fn new(machine: &Machine) -> Gathering<'_> {
         Gathering {
             machine,
-            feedback: None,
-            commands: vec![None; machine.axes.len()],
+            in_step: InStep::new(machine.axes.len()),
             scans: Vec::new(),
             last_scan: None,
             epoch: None,
@@ -223,30 +211,17 @@ impl Gathering<'_> {
     }
 
     fn take(&mut self, sample: Sample) -> anyhow::Result<()> {
-        match sample {
-            Sample::Feedback(feedback) => self.feedback = Some(feedback),
-            Sample::Command(command) => {
-                if let Some(place) = self.commands.get_mut(command.axis as usize) {
-                    *place = Some(command);
-                }
-            }
-            Sample::Roster(roster) => {
-                let mut members = roster.participants.iter().filter(|of| of.job != 0);
-                ensure!(
-                    members.all(|of| of.incarnation <= 1),
-                    "a process of this run was replaced: nothing is learned along the path: run again"
-                );
-            }
-            _ => {}
+        if let Sample::Roster(roster) = &sample {
+            let mut members = roster.participants.iter().filter(|of| of.job != 0);
+            ensure!(
+                members.all(|of| of.incarnation <= 1),
+                "a process of this run was replaced: nothing is learned along the path: run again"
+            );
         }
-        let whole = |scan: u64| {
-            let mut commands = self.commands.iter();
-            commands.all(|command| command.as_ref().is_some_and(|of| of.scan == scan))
-        };
-        if let Some(feedback) = self.feedback.take_if(|feedback| whole(feedback.scan)) {
-            self.scan(&feedback)?;
+        match self.in_step.take(sample) {
+            Some(feedback) => self.scan(&feedback),
+            None => Ok(()),
         }
-        Ok(())
     }
 
     /// One scan of which everything is there.
@@ -272,12 +247,7 @@ impl Gathering<'_> {
         }
         self.last_scan = Some(feedback.scan);
         self.program_hash = feedback.program_hash;
-        let tag = self
-            .commands
-            .iter()
-            .flatten()
-            .next()
-            .map(|command| command.tag);
+        let tag = self.in_step.commands().next().map(|command| command.tag);
         let Some(tag) = tag.filter(|tag| !tag.is_off_path()) else {
             return Err(refuse("the tool was off the path"));
         };
@@ -292,7 +262,7 @@ impl Gathering<'_> {
             mm
         };
         let axis = |index: usize| feedback.axes().get(index);
-        let command = |index: usize| self.commands.get(index).and_then(Option::as_ref);
+        let command = |index: usize| self.in_step.commands().nth(index);
         let seen = Seen {
             tag,
             command_mm: positions(&|index| command(index).map_or(0, |of| of.position)),

@@ -5,7 +5,7 @@ use std::path::Path;
 use plotters::prelude::*;
 use plotters::style::text_anchor::HPos;
 
-use crate::plot::{self, Area, Drawn, FINE, GRID, INK, PlotError, SOFT, at, words};
+use ::report::plot::{self, Area, Drawn, FINE, GRID, INK, PlotError, SOFT, at, words};
 
 /// What is compared.
 #[derive(Debug, Clone, PartialEq)]
