@@ -7,8 +7,9 @@ use bus::member::{Member, Pace};
 use bus::port::{Age, OperatorServer, Reader, WindowReader, Writer};
 use bus::realtime;
 use bus::sample::{
-    AxisCommand, BusCycle, Feedback, Instruments, Job, MAX_AXES, MAX_PARTICIPANTS, OperatorRequest,
-    OperatorResponse, Participant, PlannerStatus, Roster, Setpoint, Waiting, WindowHeader,
+    AxisCommand, BusCycle, Feedback, Instruments, Job, MAX_AXES, MAX_PARTICIPANTS, Mode,
+    OperatorRequest, OperatorResponse, Participant, PlannerStatus, ProgramState, Roster, Setpoint,
+    WindowHeader,
 };
 use bus::service::{RECORDER_DEPTH_SCANS, ROLES, SCAN_DEPTH};
 use bus::signal_page::CellPhase;
@@ -25,7 +26,7 @@ use crate::saved::{Latches, SavedState};
 const LOOK_AROUND_SCANS: u64 = 64;
 /// Scans between two looks whether an operator asks for something.
 const OPERATOR_SCANS: u64 = 4;
-/// In lockstep so many scans of a program that waits for somebody pass at full speed.
+/// Scans of a machine that waits for an order that pass at full speed in lockstep.
 const STOOD_SCANS: u64 = 2_000;
 /// Answers are visible in the scan after the feedback that they answer, and nobody has a later feedback than the master has
 /// published.
@@ -214,8 +215,8 @@ pub struct BusPorts {
     launcher_gone: bool,
     /// The recorder has stalled and is not waited for any more.
     recorder_dropped: bool,
-    /// Scans in a row in which a program has waited for somebody.
-    waited_for_operator_scans: u64,
+    /// Scans in a row in which the machine has waited for an order.
+    waited_for_order_scans: u64,
     /// Who took part when this scan was published.
     asked_in_scan: Asked,
     /// Signals to the master before anybody was signalled in this scan; none where nobody is to answer it.
@@ -247,7 +248,7 @@ impl BusPorts {
             },
             launcher_gone: false,
             recorder_dropped: false,
-            waited_for_operator_scans: 0,
+            waited_for_order_scans: 0,
             asked_in_scan: [0; MAX_PARTICIPANTS],
             seen_before_waking: None,
             saved: None,
@@ -452,10 +453,10 @@ impl BusPorts {
         overrun as u32
     }
 
-    /// Lockstep: where a program stands and waits for somebody, scans pass no faster than time does, once some have: nobody wants hours
-    /// of a standing machine in a log. No sample knows of it.
-    fn await_operator(&mut self) {
-        if self.waited_for_operator_scans > STOOD_SCANS {
+    /// Lockstep: where the machine waits for an order, scans pass no faster than time does, once some have: nobody wants hours of a
+    /// standing machine in a log, nor a processor at work for them. No sample knows of it.
+    fn await_order(&mut self) {
+        if self.waited_for_order_scans > STOOD_SCANS {
             realtime::sleep_until_ns(realtime::now_ns() + self.clock.period_ns);
         }
     }
@@ -472,7 +473,7 @@ impl BusPorts {
         excused: &dyn Fn(&Participant) -> bool,
     ) -> Result<Answered, MasterError> {
         if self.clock.pace == Pace::Lockstep {
-            self.await_operator();
+            self.await_order();
             self.await_recorder(scan);
             let overrun_scans = 0;
             return Ok(if self.await_everybody(scan, ask_planner, excused)? {
@@ -488,6 +489,17 @@ impl BusPorts {
             .read_answers(scan, true, &self.roster, &mut self.answers);
         Ok(Answered::Scan { overrun_scans })
     }
+}
+
+/// Whether nothing moves, and nothing will before somebody orders it: no program is read or searched for a line.
+fn waits_for_order(feedback: &Feedback) -> bool {
+    let stands = match Mode::from_wire(feedback.mode) {
+        Some(Mode::Enabled) => feedback.hold == 1,
+        Some(Mode::Disabled | Mode::Ready | Mode::Stopped | Mode::Tripped) => true,
+        _ => false,
+    };
+    let is_read = feedback.program == ProgramState::Loading as u32;
+    stands && feedback.rested == 1 && !is_read && feedback.auxiliary.start_line == 0
 }
 
 impl MasterPorts for BusPorts {
@@ -511,10 +523,8 @@ impl MasterPorts for BusPorts {
     }
 
     fn begin_scan(&mut self, feedback: &Feedback, ask_planner: bool) -> Flow {
-        let waiting = Waiting::from_wire(feedback.auxiliary.waiting);
-        let stands = waiting.is_some_and(Waiting::is_for_operator) && feedback.hold == 1;
-        self.waited_for_operator_scans = match stands {
-            true => self.waited_for_operator_scans.saturating_add(1),
+        self.waited_for_order_scans = match waits_for_order(feedback) {
+            true => self.waited_for_order_scans.saturating_add(1),
             false => 0,
         };
         self.publish_feedback(feedback, ask_planner);
