@@ -2,6 +2,7 @@
 
 mod product;
 
+use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -48,14 +49,15 @@ const DESK: [&str; 9] = [
 ];
 
 /// What breaks, judges and studies.
-const LAB: [&str; 2] = ["lab", "model"];
+const LAB: [&str; 3] = ["lab", "model", "page-model"];
 
 /// Folders of the crates that have another name than their folder.
-const FOLDERS: [(&str, &str); 4] = [
+const FOLDERS: [(&str, &str); 5] = [
     ("quadrant-console", "console"),
     ("quadrant-cell", "cell"),
     ("quadrant", "."),
     ("model", "lab/model"),
+    ("page-model", "lab/page-model"),
 ];
 
 /// Where the sources of a crate are.
@@ -67,7 +69,9 @@ fn folder(krate: &str) -> PathBuf {
 /// Names in the `[dependencies]` table of a crate.
 fn dependencies(krate: &str) -> Vec<String> {
     let text = fs::read_to_string(folder(krate).join("Cargo.toml")).expect("Cargo.toml");
-    let (_, after) = text.split_once("[dependencies]").expect("[dependencies]");
+    let after = text
+        .split_once("[dependencies]")
+        .map_or("", |(_, after)| after);
     let table = after.split("\n[").next().unwrap_or_default();
     table
         .lines()
@@ -210,17 +214,40 @@ fn no_crate_of_the_cell_uses_the_desk_or_the_lab_and_none_of_the_desk_the_lab() 
     }
 }
 
-/// What a controller PC runs has no network, page, picture or terminal of its own.
+/// Else `cargo test` would build nearly everything once more after `cargo build`.
 #[test]
-fn a_cell_alone_is_built_without_http_tls_plots_and_terminal() {
+fn libraries_have_the_same_features_in_the_build_and_in_the_tests() {
+    let built = features(&["-e", "normal,build"]);
+    let tested = features(&["--workspace", "-e", "normal,build,dev"]);
+    let others: Vec<&String> = built.difference(&tested).collect();
+    assert!(others.is_empty(), "other features in the tests: {others:?}");
+}
+
+/// Each library of a build with its features.
+fn features(of: &[&str]) -> BTreeSet<String> {
+    let tree = tree(&[of, &["--prefix", "none", "-f", "{p} {f}"]].concat());
+    tree.lines()
+        .map(|line| line.trim_end_matches(" (*)").to_string())
+        .collect()
+}
+
+/// What `cargo tree` prints.
+fn tree(arguments: &[&str]) -> String {
     let tree = Command::new(env!("CARGO"))
-        .args(["tree", "--offline", "-p", "quadrant-cell", "-e", "normal"])
-        .args(["--prefix", "none", "--features", "ethercat"])
+        .args(["tree", "--offline"])
+        .args(arguments)
         .current_dir(root())
         .output()
         .expect("cargo tree");
     assert!(tree.status.success(), "{tree:?}");
-    let tree = String::from_utf8_lossy(&tree.stdout);
+    String::from_utf8_lossy(&tree.stdout).into_owned()
+}
+
+/// What a controller PC runs has no network, page, picture or terminal of its own.
+#[test]
+fn a_cell_alone_is_built_without_http_tls_plots_and_terminal() {
+    let alone = ["-p", "quadrant-cell", "-e", "normal", "--prefix", "none"];
+    let tree = tree(&[&alone[..], &["--features", "ethercat"]].concat());
     let names = tree.lines().filter_map(|line| line.split(' ').next());
     let names: Vec<&str> = names.collect();
     assert!(names.contains(&"launcher"), "{tree}");

@@ -1,7 +1,6 @@
-//! Every order of events, in a small cell and on the signal page.
+//! Every order of events, in a small cell.
 
 mod exhaustive;
-mod page;
 #[allow(dead_code)]
 #[path = "../../../tests/size.rs"]
 mod size;
