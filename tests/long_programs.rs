@@ -32,8 +32,8 @@ fn memory_mb(pid: i32) -> f64 {
 #[test]
 fn a_killed_planner_goes_on_deep_in_a_long_program_and_the_run_is_the_same_again() {
     let bench = Bench::of("xy", &[]);
-    let program = bench.file("rounds.ngc", &rounds(75));
-    let kills: String = [12_000, 25_000, 38_123].map(kill_of_planner).concat();
+    let program = bench.file("rounds.ngc", &rounds(45));
+    let kills: String = [8_000, 15_000, 22_123].map(kill_of_planner).concat();
     let faults = bench.file("faults.toml", &kills);
     let faults = ["--faults", faults.to_str().expect("a path")];
     let [first, second] = [(); 2].map(|()| {

@@ -350,7 +350,7 @@ fn scrapes_in_a_tight_loop_and_a_client_that_reads_nothing_change_no_bit() {
         .lines()
         .find(|line| line.starts_with("G3"))
         .expect("a turn");
-    let program = turns.replace("M2\n", &format!("{}M2\n", format!("{once}\n").repeat(12)));
+    let program = turns.replace("M2\n", &format!("{}M2\n", format!("{once}\n").repeat(6)));
     let file = bench.file("program.ngc", &program);
     let alone = run_with(bench.path(), &file, &[]).good_report();
     let (cell, address) = serving(&bench, &program, "lockstep", &[]);

@@ -6,6 +6,7 @@ use std::path::Path;
 use bus::sample::{AnswerOutcome, MAX_AXES};
 use monitor::log::{RunLog, Sample};
 
+use crate::size;
 use crate::support::{Bench, Run, number, root, run_with};
 
 /// Below the ball's centre when it touches.
@@ -159,16 +160,17 @@ fn whoever_is_killed_around_an_answer_the_program_goes_on_with_it_and_does_nothi
     assert_eq!(undisturbed.undone, 0);
     let kinds = |seen: &Seen| -> Vec<_> { seen.answers.iter().map(|a| (a.0, a.1)).collect() };
     let mut worst_um = 0.0f64;
-    for (who, offset) in [
+    let deaths = [
         ("planner", -1i64),
-        ("planner", 0),
-        ("planner", 1),
         ("planner", 9),
+        ("planner", 0),
         ("plant-sim", -1),
-        ("plant-sim", 0),
         ("plant-sim", 1),
+        ("planner", 1),
         ("servo-Z", 0),
-    ] {
+        ("plant-sim", 0),
+    ];
+    for (who, offset) in size::one_in(2, deaths) {
         let mut faults =
             String::from("[restart]\nplanner = \"resume\"\nservo = \"wait\"\nmaster = \"wait\"\n");
         // Two touches, a miss and a touch, or both inputs. A death makes all that follows later.
@@ -217,7 +219,7 @@ G0 X250 Y200 Z-55
 G38.2 Z-70 F600
 G0 Z-55 F9000
 #10 = 0
-o1 while [#10 LT 48000]
+o1 while [#10 LT 24000]
 #3 = [#10 * 0.6]
 #4 = [#3 + 1]
 #4 = [#3 + 2]
@@ -244,7 +246,7 @@ M2
 }
 
 fn deep_kills(bench: &Bench) -> String {
-    let kills = [15_000, 32_000].map(|scan| {
+    let kills = [9_000, 16_000].map(|scan| {
         format!("[[fault]]\nat = {{ scan = {scan} }}\nprocess = \"planner\"\ndo = \"kill\"\n\n")
     });
     bench

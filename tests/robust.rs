@@ -209,11 +209,11 @@ fn within(circles_um: &[f64], most_um: (f64, f64)) -> bool {
     mean <= most_um.0 && worst <= most_um.1
 }
 
-/// What is beyond its bound with these keys 20 % lower or higher, in words: of six keys one lower and one higher; in full each of them
+/// What is beyond its bound with these keys 20 % lower or higher, in words: of nine changes one; in full each of them
 /// both ways.
 fn beyond(cell: &Cell, varied: &[&[&str]], most_um: (f64, f64)) -> Vec<String> {
     let both = varied.iter().flat_map(|keys| [(*keys, 0.8), (*keys, 1.2)]);
-    let changes: Vec<(&[&str], f64)> = size::one_in(5, both);
+    let changes: Vec<(&[&str], f64)> = size::one_in(9, both);
     let next = AtomicUsize::new(0);
     let work = || {
         let mut printed = Vec::new();
@@ -282,6 +282,9 @@ fn the_shipped_xy_keeps_its_circles_with_any_one_value_of_the_plant_20_percent_o
 
 #[test]
 fn the_shipped_xy_fast_keeps_its_circles_with_any_one_value_or_all_friction_20_percent_off() {
+    if size::is_left_out() {
+        return;
+    }
     let shipped = Cell::shipped("xy-fast");
     let mut varied = VARIED.to_vec();
     varied.push(ALL_FRICTION);
@@ -297,7 +300,7 @@ fn the_shipped_xy_fast_keeps_its_circles_with_any_one_value_or_all_friction_20_p
 
 #[test]
 fn circles_of_radii_feeds_centres_and_starts_nobody_tuned_for_are_within_the_figures_of_the_grid() {
-    for (name, most_um) in [("xy", XY_UM), ("xy-fast", XY_FAST_UM)] {
+    for (name, most_um) in size::one_in(2, [("xy", XY_UM), ("xy-fast", XY_FAST_UM)]) {
         let found = Cell::shipped(name).circles_um(&[], 1.0, &OFF_GRID);
         assert!(within(&found, most_um), "{name}: {found:.2?} µm");
     }

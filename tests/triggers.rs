@@ -133,7 +133,7 @@ fn a_position_error_judged_in_full_moves_the_start_on_slow_circles_and_a_clamped
                 ("coefficient = 1.0", "coefficient = 0.8"),
             ],
         );
-        let leads = leads_ms(&measure(&bench, 25.0, 500.0));
+        let leads = leads_ms(&measure(&bench, 10.0, 500.0));
         // The middle of (lead − Tp, lead].
         let shifts = leads.iter().map(|lead| (lead - 5.0).abs());
         shifts.fold(0.0, f64::max)

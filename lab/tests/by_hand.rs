@@ -372,7 +372,7 @@ fn into_the_middle(bench: &mut Bench) {
 
 #[test]
 fn increments_of_any_size_both_ways_and_on_top_of_each_other_are_exact_on_every_machine() {
-    let clicks = size::number("CLICKS", 20, 60);
+    let clicks = size::number("CLICKS", 12, 60);
     let mut turn = 0;
     for (name, machine, plant) in machines() {
         let axes = jogged(&machine);
@@ -631,7 +631,7 @@ fn after_the_death_of_its_sender_a_held_jog_goes_no_further_than_its_deadline_an
     let acceleration_mm_s2 = 0.2 * machine.axes[0].acceleration_mm_s2;
     let mut bench = Bench::of("xy", machine, plant, 9);
     let mut furthest = 0.0f64;
-    for death in 0..size::number("DEATHS", 20, 40) {
+    for death in 0..size::number("DEATHS", 12, 40) {
         let direction = if death % 2 == 0 { 1.0 } else { -1.0 };
         let on = OperatorRequest {
             speed_mm_s: SPEED_MM_S,
@@ -701,7 +701,7 @@ fn whatever_comes_in_whatever_step_of_a_jog_the_next_one_is_exact_again() {
     };
     let each = |moment: &u64| BETWEEN.map(|between| (*moment, between));
     // Each of what can come, in different moments.
-    let cases = size::one_in(4, moments.iter().flat_map(each));
+    let cases = size::one_in(7, moments.iter().flat_map(each));
     let mut count = 0;
     for (name, mut cell) in cells {
         cell.scans(5);

@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use crate::common::kill;
+use crate::size;
 use bus::sample::{Cause, Feedback, Mode, OperatorRequest, OperatorResponse, Order, Refused};
 use lab::cell::{InProcessCell, Script};
 use machine::Machine;
@@ -354,7 +355,7 @@ const RESTARTS: &str = "[restart]\nplanner = \"resume\"\nservo = \"wait\"\nmaste
 #[test]
 fn whoever_is_killed_while_an_axis_is_jogged_it_comes_to_rest() {
     for who in ["servo-X", "servo-Y", "planner", "plant-sim"] {
-        for scan in (HELD + 10..HELD + 900).step_by(43) {
+        for scan in (HELD + 10..HELD + 900).step_by(size::number("APART", 97, 43) as usize) {
             let mut held = Held::of("xy", &format!("{RESTARTS}{}", kill(who, scan, 30)));
             assert_eq!(held.order(&on(1.0, 20.0)).accepted, 1);
             let begun = held.now.scan;

@@ -187,7 +187,7 @@ fn interrupted(name: &str, mut cell: Cell, all: &[Interruption]) -> (usize, Vec<
     let each = |moment: u64| all.iter().map(move |what| (moment, *what));
     let cases = moments(cell.clone()).into_iter().flat_map(each);
     // Each of what can come, in different steps.
-    for (moment, what) in size::one_in(5, cases) {
+    for (moment, what) in size::one_in(9, cases) {
         cell.scans(moment - at);
         at = moment;
         let mut cell = cell.clone();

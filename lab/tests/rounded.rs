@@ -16,7 +16,7 @@ use plant_sim::script::faults;
 use plant_sim::script::rng::Rng;
 
 /// Seeds of a run of this test, and in full; `SEEDS=1000` in the environment for a long one.
-const SEEDS: [u64; 2] = [20, 60];
+const SEEDS: [u64; 2] = [12, 60];
 
 fn mill() -> (Machine, PlantFile) {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../machines/xy");

@@ -17,7 +17,7 @@ const MACHINES: [&str; 5] = ["xy", "xy-fast", "xy-torque", "xyz-mill", POSITION]
 /// A machine whose drives close the position loop; the others are folders.
 const POSITION: &str = "xy with drives in position mode";
 /// Seeds of a run of this test, and in full; `SEEDS=500` in the environment for a long one.
-const SEEDS: [u64; 2] = [40, 100];
+const SEEDS: [u64; 2] = [24, 100];
 /// The table's distance from the path, whatever the servo did, in mm.
 const PATH_MM: f64 = 1.0;
 

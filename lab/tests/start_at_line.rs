@@ -178,7 +178,7 @@ fn whoever_is_killed_on_the_way_the_program_begins_at_its_line_with_its_levels()
     scans.extend((60..first.scan + 20).step_by(size::number("SCANS_APART", 499, 499) as usize));
     scans.extend((first.scan - 12..first.scan + 12).step_by(2));
     let mut kills = 0;
-    for (index, scan) in size::one_in(5, scans).into_iter().enumerate() {
+    for (index, scan) in size::one_in(9, scans).into_iter().enumerate() {
         for who in ["planner", "plant-sim", "servo-Y"] {
             if (index + kills) % 2 == 1 && who != "planner" {
                 continue;

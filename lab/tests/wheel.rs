@@ -197,7 +197,7 @@ fn a_wheel_that_turns_steadily_moves_its_axis_steadily_in_both_modes_on_every_ma
         modes.map(with)
     };
     for (name, machine, velocity_mode, (per_count_mm, counts, every_s)) in
-        size::one_in(3, machines.into_iter().flat_map(each))
+        size::one_in(5, machines.into_iter().flat_map(each))
     {
         let mut bench = Bench::of(name, machine, per_count_mm, velocity_mode);
         let found = turned_steadily(&mut bench, &[0, 1], counts, every_s);
@@ -275,7 +275,7 @@ fn a_count_that_jumps_moves_the_axis_by_one_count_and_a_fifth_of_a_second_at_mos
 fn counts_that_come_twice_too_late_or_not_at_all_cost_nothing_and_the_largest_is_followed_by_the_smallest()
  {
     for velocity_mode in MODES {
-        for seed in 0..size::number("SEEDS", 3, 6) {
+        for seed in 0..size::number("SEEDS", 2, 6) {
             let mut random = Rng::new(seed);
             let mut bench = Bench::of("xy", common::load("xy"), 0.01, velocity_mode);
             bench.what = format!("{}, seed {seed}", bench.what);
@@ -407,7 +407,7 @@ fn what_a_wheel_counts_while_its_axis_may_not_be_jogged_moves_nothing_then_or_la
     ];
     let each = |keeps| [(0, false), (0, true), (1, false), (1, true)].map(|of| (keeps, of));
     // Each of them at least once.
-    for (keeps, (velocity_mode, told)) in size::one_in(3, all.into_iter().flat_map(each)) {
+    for (keeps, (velocity_mode, told)) in size::one_in(5, all.into_iter().flat_map(each)) {
         let mut bench = Bench::of("gantry", gantry(), 0.01, velocity_mode);
         bench.what = format!("{}, {keeps:?}, told: {told}", bench.what);
         let why = kept(&mut bench, keeps);

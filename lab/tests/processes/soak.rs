@@ -33,7 +33,7 @@ fn a_short_soak_of_everything_breaks_and_leaves_nothing() {
 #[test]
 fn in_lockstep_the_master_is_killed_at_any_instant_and_the_next_one_is_answered() {
     let soak = quadrant()
-        .args(["soak", "machines/xy", "--kills", "10", "--seed", "3"])
+        .args(["soak", "machines/xy", "--kills", "5", "--seed", "3"])
         .args(["--pace", "lockstep", "--only", "plant-sim"])
         .output()
         .expect("a soak");
