@@ -453,6 +453,11 @@ impl BusPorts {
         overrun as u32
     }
 
+    /// An order or a fault comes by itself in a later scan: the machine does not wait for one.
+    pub fn expect_order(&mut self) {
+        self.waited_for_order_scans = 0;
+    }
+
     /// Lockstep: where the machine waits for an order, scans pass no faster than time does, once some have: nobody wants hours of a
     /// standing machine in a log, nor a processor at work for them. No sample knows of it.
     fn await_order(&mut self) {

@@ -126,6 +126,9 @@ impl MasterPorts for ScriptedPorts {
     }
 
     fn await_answers(&mut self, scan: u64, ask_planner: bool) -> Result<Answered, MasterError> {
+        if self.injector.is_some() || !self.orders.as_slice().is_empty() {
+            self.ports.expect_order();
+        }
         let injector = self.injector.as_ref();
         let excused = |who: &Participant| injector.is_some_and(|i| i.excuses(who, scan));
         self.ports.await_answers_except(scan, ask_planner, &excused)
