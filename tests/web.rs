@@ -229,7 +229,7 @@ fn frames_follow_each_other_to_the_end_and_have_what_is_drawn() {
             .all(|w| w[1]["status"]["scan"].as_u64() >= w[0]["status"]["scan"].as_u64())
     );
     assert_eq!(first["status"]["program"]["name"], "circle.ngc");
-    assert_eq!(first["says"]["state"], "RUNS");
+    assert_eq!(first["status"]["says"]["state"], "RUNS");
     assert_eq!(
         first["circle"]["deviation_um"].as_array().map(Vec::len),
         Some(360)

@@ -22,4 +22,5 @@ pub mod events;
 pub mod link;
 #[cfg(feature = "zenoh")]
 pub mod orders;
+pub mod state;
 pub mod wire;

@@ -3,7 +3,7 @@
 //! | key expression | what | how |
 //! |---|---|---|
 //! | `quadrant/<cell>/snapshot` | [`Snapshot`] | published; dropped where the link is slow |
-//! | `quadrant/<cell>/circle` | [`CircleState`] | published, twice a second; dropped where the link is slow |
+//! | `quadrant/<cell>/circle` | [`CircleReport`] | published, twice a second; dropped where the link is slow |
 //! | `quadrant/<cell>/events` | [`EventReport`] | published; who misses some asks here with `?after=NUMBER` |
 //! | `quadrant/<cell>/machine` | [`MachineReport`] | answer |
 //! | `quadrant/<cell>/clock` | [`ClockReport`] | answer |
@@ -28,7 +28,7 @@ use zenoh::{Config, Session, Wait};
 use crate::clock::{RoundTrip, now_us};
 use crate::events::History;
 use crate::wire::{
-    CircleState, ClockReport, EventHistory, EventReport, FORMAT, MESSAGE_BYTES_MAX, MachineReport,
+    CircleReport, ClockReport, EventHistory, EventReport, FORMAT, MESSAGE_BYTES_MAX, MachineReport,
     Refusal, Snapshot, decode, encode,
 };
 
@@ -310,7 +310,7 @@ impl Server {
     ///
     /// # Errors
     /// It is not plausible itself, or zenoh refuses it.
-    pub fn say_circle(&mut self, circle: &CircleState) -> Result<(), LinkError> {
+    pub fn say_circle(&mut self, circle: &CircleReport) -> Result<(), LinkError> {
         let bytes = encode(circle)?;
         self.bytes += bytes.len() as u64;
         let put = self.circles.put(bytes).wait();
@@ -329,7 +329,7 @@ pub enum Heard {
     /// How the cell is.
     Snapshot(Box<Snapshot>),
     /// What the circle looks like.
-    Circle(Box<CircleState>),
+    Circle(Box<CircleReport>),
     /// Something happened.
     Event(EventReport),
     /// What happened before.

@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use remote::events::{Follower, REMEMBERED, Reported};
 use remote::link::{Client, Endpoint, Heard, Server};
-use remote::wire::{FORMAT, MESSAGE_BYTES_MAX, MachineReport, ProgramState, Snapshot};
+use remote::wire::{FORMAT, MESSAGE_BYTES_MAX, MachineReport, Snapshot};
 use zenoh::Wait;
 
 const PATIENCE: Duration = Duration::from_secs(30);
@@ -31,20 +31,7 @@ fn snapshot(sequence: u64) -> Snapshot {
         session: 42,
         sequence,
         made_us: 1,
-        feedback_age_us: 0,
-        pace: None,
-        ended: false,
-        machine: None,
-        axes: Vec::new(),
-        program: ProgramState::default(),
-        processes: Vec::new(),
-        reversals_count: 0,
-        reversals: Vec::new(),
-        angle_rad: None,
-        timing: None,
-        events_count: 0,
-        scans_seen: 0,
-        scans_not_seen: 0,
+        ..Snapshot::default()
     }
 }
 

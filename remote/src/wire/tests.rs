@@ -1,117 +1,67 @@
 use super::*;
+use crate::state::{AxisState, Death, ProcessState};
 use proptest::prelude::*;
 
-fn axis() -> AxisState {
-    AxisState {
-        command_mm: 1.25,
-        feedback_mm: 1.2499,
-        velocity_mm_s: 50.0,
-        torque_nm: -0.3,
-        winding_k: 4.0,
-        torque_limited: false,
-        missed_scans: 3,
-        missed_in_a_row: 0,
-        redundancy: 1,
-        unsynchronised_scans: 0,
-        differences: 0,
-        role: 0,
-        reference: 0,
-        command: Some(CommandState {
-            scan: 99,
-            position_mm: 1.25,
-            velocity_mm_s: 50.1,
-            torque_nm: 0.0,
-            friction_level: 0.8,
-            friction_unexplained: 0.05,
-        }),
-        error_um: Some(4.5),
-        error_peak_since_um: Some(5.0),
-        error_peak_um: 9.0,
-    }
-}
-
 fn snapshot() -> Snapshot {
+    let axis = AxisState {
+        axis: "X".into(),
+        unit: "mm".into(),
+        command_mm: 1.25,
+        following_error_um: Some(-0.5),
+        ..AxisState::default()
+    };
+    let process = ProcessState {
+        process: "servo-x-a".into(),
+        job: "servo".into(),
+        pid: Some(4711),
+        starts: 2,
+        live: true,
+        stalled: false,
+        drives: Some(true),
+        standby: None,
+        age_scans: Some(1),
+        last_death: Some(Death {
+            scan: 90,
+            signal: 9,
+        }),
+    };
+    let reversal = ReversalState {
+        axis: 1,
+        direction: -1,
+        scan: 77,
+        height_um: Some(1.5),
+        undercut_um: None,
+        error_peak_um: 2.5,
+    };
     Snapshot {
         format: FORMAT,
-        session: 7,
+        session: u64::MAX,
         sequence: 1,
-        made_us: 1,
-        feedback_age_us: 100,
-        pace: Some("realtime".into()),
-        ended: false,
-        machine: Some(MachineState {
-            scan: 100,
-            mode: 1,
-            cause: 0,
-            cause_axis: u32::MAX,
-            cause_scan: 0,
-            override_percent: 100,
-            panel: 0,
-            overrun_scans: 0,
-            incarnation: 1,
-            hold: false,
-            at_rest: false,
-            program: 3,
-            run: 1,
-            last: false,
-            window: true,
-            element: 3,
-            distance_mm: 0.1,
-            dwell_remaining_scans: 0,
-            interrupted_at_element: u32::MAX,
-            auxiliary: AuxiliaryState {
-                spindle_command_rpm: 3000.0,
-                spindle_rpm: 2999.5,
-                digital: 1 << 63,
-                analog: vec![Some(0.5), None],
-                at_speed: true,
-                ..AuxiliaryState::default()
-            },
-        }),
-        axes: vec![axis(), axis()],
-        program: ProgramState {
-            name: Some("circle.ngc".into()),
-            ..ProgramState::default()
+        made_us: 1_750_000_000_000_000,
+        state: CellState {
+            cell: "mill-3".into(),
+            scan: Some(100),
+            axes: vec![axis.clone(), axis],
+            processes: vec![process],
+            ..CellState::default()
         },
-        processes: vec![ProcessState {
-            name: "servo-X".into(),
-            job: "servo".into(),
-            pid: Some(7),
-            starts: 1,
-            live: true,
-            stalled: false,
-            redundancy: None,
-            drives: Some(true),
-            age_scans: Some(1),
-            death: None,
-        }],
         reversals_count: 1,
-        reversals: vec![ReversalState {
-            axis: 1,
-            direction: -1,
-            scan: 50,
-            height_um: None,
-            undercut_um: None,
-            error_peak_um: 2.0,
-        }],
-        angle_rad: None,
-        timing: None,
-        events_count: 0,
+        reversals: vec![reversal],
         scans_seen: 100,
-        scans_not_seen: 0,
+        ..Snapshot::default()
     }
 }
 
-fn circle() -> CircleState {
-    CircleState {
+fn circle() -> CircleReport {
+    CircleReport {
         format: FORMAT,
         session: 7,
-        plane: "XY".into(),
-        radius_mm: 25.0,
-        feed_mm_s: Some(50.0),
-        line: 3,
-        running: true,
-        deviation_nm: vec![Some((1, -1, 2)); CIRCLE_BINS],
+        circle: CircleState {
+            plane: "XY".into(),
+            radius_mm: 25.0,
+            deviation_um: vec![Some([-1.0, 0.5, 2.0]); 360],
+            ..CircleState::default()
+        },
     }
 }
 
@@ -121,19 +71,21 @@ fn a_snapshot_comes_back_as_it_was_sent() {
     let bytes = encode(&sent).expect("plausible");
     assert_eq!(decode::<Snapshot>(&bytes).expect("believed"), sent);
     let bytes = encode(&circle()).expect("plausible");
-    assert_eq!(decode::<CircleState>(&bytes).expect("believed"), circle());
+    assert_eq!(decode::<CircleReport>(&bytes).expect("believed"), circle());
 }
 
 #[test]
 fn what_is_not_a_number_travels_as_such() {
     let mut sent = snapshot();
-    sent.axes[0].torque_nm = f64::NAN;
-    sent.axes[0].velocity_mm_s = f64::INFINITY;
-    sent.axes[1].feedback_mm = -1e300;
+    let axes = &mut sent.state.axes;
+    axes[0].torque_nm = f64::NAN;
+    axes[0].velocity_mm_s = f64::INFINITY;
+    axes[1].feedback_mm = -1e300;
     let got: Snapshot = decode(&encode(&sent).expect("message")).expect("believed");
-    assert!(got.axes[0].torque_nm.is_nan() && got.axes[0].velocity_mm_s.is_nan());
-    assert!(got.axes[1].feedback_mm.is_nan());
-    assert_eq!(got.axes[1].command_mm, 1.25);
+    let axes = &got.state.axes;
+    assert!(axes[0].torque_nm.is_nan() && axes[0].velocity_mm_s.is_nan());
+    assert!(axes[1].feedback_mm.is_nan());
+    assert_eq!(axes[1].command_mm, 1.25);
 }
 
 /// Why a snapshot that was changed is not believed.
@@ -141,42 +93,29 @@ fn refused(change: impl FnOnce(&mut Snapshot)) -> String {
     let mut bad = snapshot();
     change(&mut bad);
     let text = serde_json::to_string(&bad).expect("JSON");
-    // What no server of ours would send.
-    let text = text.replace("\"feedback_mm\":7.0", "\"feedback_mm\":1e300");
-    let text = text.replace("\"torque_nm\":7.0", "\"torque_nm\":-1e16");
     let refusal = decode::<Snapshot>(text.as_bytes()).expect_err("it must not be believed");
     refusal.to_string()
 }
 
 #[test]
-fn each_field_out_of_range_is_refused_by_its_name() {
-    let cases: [(&str, String); 12] = [
-        ("format 5", refused(|s| s.format = 5)),
-        ("pace", refused(|s| s.pace = Some("slow".into()))),
-        ("axes", refused(|s| s.axes = vec![axis(); AXES_MAX + 1])),
-        ("feedback_mm", refused(|s| s.axes[1].feedback_mm = 7.0)),
+fn what_no_server_of_ours_would_send_is_refused_by_its_name() {
+    let cases: [(&str, String); 5] = [
+        ("format 6", refused(|s| s.format = 6)),
         (
-            "override_percent",
-            refused(|s| s.machine.as_mut().expect("one").override_percent = 201),
+            "feedback_mm: 1e+300",
+            refused(|s| s.state.axes[1].feedback_mm = 1e300),
         ),
         (
-            "cause_axis",
-            refused(|s| s.machine.as_mut().expect("one").cause_axis = 2),
-        ),
-        ("reversal's axis", refused(|s| s.reversals[0].axis = 2)),
-        ("direction", refused(|s| s.reversals[0].direction = 0)),
-        ("reversals_count", refused(|s| s.reversals_count = 0)),
-        (
-            "control character",
-            refused(|s| s.processes[0].name = "\u{1b}[2Jservo".into()),
+            "reversals: 401",
+            refused(|s| s.reversals = vec![s.reversals[0]; 401]),
         ),
         (
-            "401 bytes",
-            refused(|s| s.program.name = Some("x".repeat(TEXT_BYTES_MAX + 1))),
+            "process: a control character",
+            refused(|s| s.state.processes[0].process = "\u{1b}[2Jservo".into()),
         ),
         (
-            "commanded torque_nm",
-            refused(|s| s.axes[0].command.as_mut().expect("one").torque_nm = 7.0),
+            "name: 401 bytes",
+            refused(|s| s.state.program.name = Some("x".repeat(TEXT_BYTES_MAX + 1))),
         ),
     ];
     for (expected, message) in cases {
@@ -200,12 +139,6 @@ fn unknown_and_missing_fields_too_much_and_too_little_are_refused() {
     ));
     let deep = "[".repeat(100_000);
     assert!(decode::<Snapshot>(deep.as_bytes()).is_err());
-    let mut short = circle();
-    short.deviation_nm.pop();
-    assert!(encode(&short).is_err());
-    let mut upside_down = circle();
-    upside_down.deviation_nm[5] = Some((0, 2, 1));
-    assert!(encode(&upside_down).is_err());
 }
 
 #[test]
@@ -236,21 +169,30 @@ fn a_history_with_a_hole_or_of_two_servers_is_refused() {
 
 #[test]
 fn a_text_of_the_cell_is_made_fit_to_travel() {
-    let text = plain_text(&format!("G1 X5\t; \u{1b}[2J{}", "ä".repeat(400)));
-    assert!(check_text("text", &text).is_ok());
-    assert!(text.starts_with("G1 X5 ;  [2Jä"), "{text}");
+    let mut sent = snapshot();
+    sent.state.program.block = Some(format!("G1 X5\t; \u{1b}[2J{}", "ä".repeat(400)));
+    let got: Snapshot = decode(&encode(&sent).expect("message")).expect("believed");
+    let block = got.state.program.block.expect("a block");
+    assert!(block.starts_with("G1 X5 ;  [2Jä"), "{block}");
+    let machine = MachineReport {
+        format: FORMAT,
+        session: 7,
+        cell: "mill-3".into(),
+        machine_toml: format!("[scan]\n{}", "# long\n".repeat(100)),
+    };
+    let got: MachineReport = decode(&encode(&machine).expect("message")).expect("believed");
+    assert_eq!(got, machine);
 }
 
 /// The largest snapshot that can be made fits.
 #[test]
 fn a_snapshot_of_eight_axes_and_24_processes_fits_into_a_message() {
     let mut full = snapshot();
-    full.axes = vec![axis(); AXES_MAX];
-    full.processes = vec![full.processes[0].clone(); PROCESSES_MAX];
+    full.state.axes = vec![full.state.axes[0].clone(); 8];
+    full.state.processes = vec![full.state.processes[0].clone(); 24];
     full.reversals = vec![full.reversals[0]; REVERSALS_MAX];
-    full.reversals_count = 1000;
     let bytes = encode(&full).expect("plausible").len();
-    assert!(bytes < 16_000, "{bytes}");
+    assert!(bytes < 20_000, "{bytes}");
 }
 
 proptest! {
@@ -265,7 +207,8 @@ proptest! {
         let end = (place + with.len()).min(bytes.len());
         bytes.splice(place..end, with.iter().copied());
         if let Ok(believed) = decode::<Snapshot>(&bytes) {
-            prop_assert!(believed.check().is_ok());
+            let again = serde_json::to_value(&believed).expect("JSON");
+            prop_assert!(check("message", &again).is_ok());
         }
         prop_assert!(decode::<EventReport>(&with).is_err());
     }

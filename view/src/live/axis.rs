@@ -3,10 +3,16 @@
 use std::collections::VecDeque;
 
 use bus::sample::{AxisCommand, AxisFeedback, Redundancy, Reference};
+use bus::service::ROLES;
+use bytemuck::Zeroable;
 use machine::{Axis, TURN_DEG};
-use remote::wire::{AxisState, CommandState};
+use remote::state::AxisState;
 use report::turns::Turns;
 
+use super::state::{round, rounded};
+
+/// Reference of an axis that knows its place without being homed.
+pub const ABSOLUTE: &str = "absolute";
 /// Looks that the history holds: 24 s.
 const HISTORY: usize = 240;
 
@@ -19,8 +25,14 @@ pub struct AxisView {
     pub unit: &'static str,
     /// Unit of its deviations.
     pub error_unit: &'static str,
-    /// What is known of it now, as a view on another machine gets it.
-    pub now: AxisState,
+    /// The newest feedback.
+    pub now: AxisFeedback,
+    /// The newest command of the servo that drives.
+    command: Option<AxisCommand>,
+    /// Its following error, in µm.
+    pub error_um: Option<f64>,
+    /// The largest magnitude of that since the observer came.
+    error_peak_um: f64,
     /// Following error that trips the axis, in µm.
     pub error_limit_um: f64,
     /// Largest magnitude between two looks, newest last.
@@ -46,25 +58,10 @@ impl AxisView {
             name: axis.name.clone(),
             unit: axis.kind.unit(),
             error_unit: axis.kind.deviation_unit(),
-            now: AxisState {
-                command_mm: 0.0,
-                feedback_mm: 0.0,
-                velocity_mm_s: 0.0,
-                torque_nm: 0.0,
-                winding_k: 0.0,
-                torque_limited: false,
-                missed_scans: 0,
-                missed_in_a_row: 0,
-                redundancy: Redundancy::Alone as u32,
-                unsynchronised_scans: 0,
-                differences: 0,
-                role: 0,
-                reference: Reference::Known as u32,
-                command: None,
-                error_um: None,
-                error_peak_since_um: None,
-                error_peak_um: 0.0,
-            },
+            now: AxisFeedback::zeroed(),
+            command: None,
+            error_um: None,
+            error_peak_um: 0.0,
             error_limit_um: axis.following_error_limit_mm * 1e3,
             error_history_um: VecDeque::with_capacity(HISTORY),
             absolute: axis.homing.is_none(),
@@ -92,29 +89,7 @@ impl AxisView {
 
     /// Takes the feedback of one scan; a reversal, if its command has gone far enough in a new direction.
     pub fn feedback(&mut self, scan: u64, sample: &AxisFeedback, driven: bool) -> Option<Turn> {
-        let position = if self.by_scale {
-            sample.scale_position
-        } else {
-            sample.motor_position
-        };
-        let redundancy = Redundancy::from_wire(sample.redundancy).unwrap_or(Redundancy::Lost);
-        let reference = Reference::from_wire(sample.reference).unwrap_or(Reference::Missing);
-        self.now = AxisState {
-            command_mm: self.shown(sample.command_position),
-            feedback_mm: self.shown(position),
-            velocity_mm_s: sample.velocity_mm_s,
-            torque_nm: sample.torque_nm,
-            winding_k: sample.winding_k,
-            torque_limited: sample.torque_limited == 1,
-            missed_scans: sample.missed_scans,
-            missed_in_a_row: sample.missed_in_a_row,
-            redundancy: redundancy as u32,
-            unsynchronised_scans: sample.unsynchronised_scans,
-            differences: sample.differences,
-            role: sample.taken_role,
-            reference: reference as u32,
-            ..self.now
-        };
+        self.now = *sample;
         if !driven {
             self.turns.interrupt();
             return None;
@@ -124,29 +99,73 @@ impl AxisView {
 
     /// Takes the command of the servo that drives; its following error in µm, if it is a number.
     pub fn command(&mut self, command: &AxisCommand) -> Option<f64> {
-        self.now.command = Some(CommandState {
-            scan: command.scan,
-            position_mm: command.position as f64 * self.increment_mm,
-            velocity_mm_s: command.velocity_mm_s,
-            torque_nm: command.torque_nm,
-            friction_level: command.friction_level,
-            friction_unexplained: command.friction_unexplained,
-        });
+        self.command = Some(*command);
         let error_um = Some(command.following_error_mm * 1e3).filter(|error| error.is_finite())?;
-        self.now.error_um = Some(error_um);
-        self.now.error_peak_um = self.now.error_peak_um.max(error_um.abs());
+        self.error_um = Some(error_um);
+        self.error_peak_um = self.error_peak_um.max(error_um.abs());
         self.peaked(error_um.abs());
         Some(error_um)
     }
 
     /// A magnitude of the following error in this look.
-    fn peaked(&mut self, error_um: f64) {
+    pub fn peaked(&mut self, error_um: f64) {
         self.frame_peak_um = Some(self.frame_peak_um.unwrap_or(0.0).max(error_um));
     }
 
-    /// Torque as a share of the motor's rated torque.
-    pub fn torque_share(&self) -> f64 {
-        self.now.torque_nm / self.rated_nm
+    /// Position command, in mm or degrees.
+    pub fn command_mm(&self) -> f64 {
+        self.shown(self.now.command_position)
+    }
+
+    /// Position by the encoder, or by the scale where that is used, in mm or degrees.
+    pub fn feedback_mm(&self) -> f64 {
+        self.shown(if self.by_scale {
+            self.now.scale_position
+        } else {
+            self.now.motor_position
+        })
+    }
+
+    /// All that is known of it alone.
+    pub fn state(&self) -> AxisState {
+        let (now, command) = (&self.now, self.command.as_ref());
+        let (friction_level, friction_unexplained) = self.friction().unzip();
+        let command_mm = rounded(self.command_mm(), 6);
+        AxisState {
+            axis: self.name.clone(),
+            unit: self.unit.into(),
+            command_mm,
+            feedback_mm: rounded(self.feedback_mm(), 6),
+            machine_mm: command_mm,
+            velocity_mm_s: rounded(now.velocity_mm_s, 4),
+            velocity_command_mm_s: round(command.map(|of| of.velocity_mm_s), 4),
+            following_error_um: round(self.error_um, 3),
+            following_error_peak_um: rounded(self.error_peak_um, 3),
+            following_error_look_um: round(self.look_peak_um, 3),
+            torque_command_nm: round(command.map(|of| of.torque_nm), 4),
+            torque_nm: rounded(now.torque_nm, 4),
+            torque_percent: rounded(now.torque_nm / self.rated_nm * 100.0, 2),
+            torque_limited: now.torque_limited == 1,
+            winding_k: rounded(now.winding_k, 3),
+            friction: match friction_level {
+                Some(level) => format!("{:.0}%", level * 100.0),
+                None if self.has_model => "tuned".into(),
+                None => "none".into(),
+            },
+            friction_level: round(friction_level, 4),
+            friction_unexplained: round(friction_unexplained, 4),
+            missed_scans: now.missed_scans,
+            missed_in_a_row: now.missed_in_a_row,
+            servo: ROLES
+                .get(now.taken_role as usize)
+                .copied()
+                .unwrap_or("?")
+                .into(),
+            standby: self.redundancy().words().into(),
+            standby_differences: now.differences,
+            reference: self.reference_words().into(),
+            ..AxisState::default()
+        }
     }
 
     /// Whether its standby could take over.
@@ -162,32 +181,17 @@ impl AxisView {
     /// How it knows its place, in words.
     pub fn reference_words(&self) -> &'static str {
         match self.reference() {
-            Reference::Known if self.absolute => "absolute",
+            Reference::Known if self.absolute => ABSOLUTE,
             Reference::Missing if self.absolute => "no reference",
             reference => reference.words(),
         }
     }
 
-    /// The same where it has no absolute encoder; none where there is nothing to say.
-    pub fn homing_words(&self) -> Option<&'static str> {
-        let silent = self.absolute && self.reference() == Reference::Known;
-        (!silent).then(|| self.reference_words())
-    }
-
     /// Friction that the servo goes by and what the last way between two reversals left unexplained, as parts; none where the axis does
     /// not follow friction.
     pub fn friction(&self) -> Option<(f64, f64)> {
-        let command = self.now.command.filter(|_| self.follows_friction)?;
+        let command = self.command.as_ref().filter(|_| self.follows_friction)?;
         Some((command.friction_level, command.friction_unexplained))
-    }
-
-    /// The same in words.
-    pub fn friction_words(&self) -> String {
-        match self.friction() {
-            Some((level, _)) => format!("{:.0}%", level * 100.0),
-            None if self.has_model => "tuned".into(),
-            None => "none".into(),
-        }
     }
 
     /// Ends one look: what was largest since the one before goes into the history.
@@ -200,17 +204,6 @@ impl AxisView {
             self.error_history_um.pop_front();
         }
         self.error_history_um.push_back(peak_um);
-    }
-}
-
-#[cfg(any(feature = "remote", test))]
-impl AxisView {
-    /// Takes what somebody on the spot has seen of this axis.
-    pub fn reported(&mut self, message: &AxisState) {
-        self.now = message.clone();
-        if let Some(peak_um) = message.error_peak_since_um {
-            self.peaked(peak_um);
-        }
     }
 }
 

@@ -1,6 +1,9 @@
 //! The circle that is being travelled, or was last: radial deviation of the table over the angle.
 
 use path::geometry::{AxisVector, Element, Feed, Shape};
+use remote::state::CircleState;
+
+use super::state::{round, rounded};
 
 /// Angles that the curve is kept at, per turn.
 pub const BINS: usize = 360;
@@ -64,46 +67,15 @@ impl Bin {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Circle {
     /// Letters of its plane: `XY`.
-    pub plane: String,
-    /// Radius, in mm.
-    pub radius_mm: f64,
-    /// Programmed feed, in mm/s; none for rapid.
-    pub feed_mm_s: Option<f64>,
+    plane: String,
+    radius_mm: f64,
+    /// Programmed feed; none for rapid.
+    feed_mm_s: Option<f64>,
     /// Line of the program.
-    pub line: u32,
+    line: u32,
     centre: AxisVector,
     u: AxisVector,
     v: AxisVector,
-}
-
-#[cfg(any(feature = "remote", test))]
-impl Bin {
-    /// As somebody on the spot has seen it.
-    pub fn reported(mean_um: f64, low_um: f64, high_um: f64) -> Bin {
-        Bin {
-            mean_um,
-            low_um,
-            high_um,
-            samples: 1,
-            last_scan: 0,
-        }
-    }
-}
-
-#[cfg(any(feature = "remote", test))]
-impl Circle {
-    /// As somebody on the spot has seen it: for showing, not for measuring.
-    pub fn reported(plane: &str, radius_mm: f64, feed_mm_s: Option<f64>, line: u32) -> Circle {
-        Circle {
-            plane: plane.into(),
-            radius_mm,
-            feed_mm_s,
-            line,
-            centre: AxisVector::zeros(),
-            u: AxisVector::zeros(),
-            v: AxisVector::zeros(),
-        }
-    }
 }
 
 impl Circle {
@@ -199,14 +171,22 @@ impl CircleView {
         self.last_scan = None;
     }
 
-    /// Lowest and highest deviation that is shown, in µm.
-    pub fn range_um(&self) -> Option<(f64, f64)> {
-        let mut shown = self.deviation.iter().flatten();
-        let first = shown.next()?;
-        let start = (first.low_um, first.high_um);
-        Some(shown.fold(start, |(low, high), bin| {
-            (low.min(bin.low_um), high.max(bin.high_um))
-        }))
+    /// What is shown of it; none before the first arc.
+    pub fn state(&self) -> Option<CircleState> {
+        let circle = self.circle.as_ref()?;
+        let deviation_um = self.deviation.iter().map(|bin| {
+            let um = bin.map(|bin| [bin.low_um, bin.mean_um, bin.high_um]);
+            um.map(|um| um.map(|um| rounded(um, 3)))
+        });
+        Some(CircleState {
+            plane: circle.plane.clone(),
+            line: circle.line,
+            radius_mm: rounded(circle.radius_mm, 6),
+            feed_mm_min: round(circle.feed_mm_s.map(|mm_s| mm_s * 60.0), 3),
+            running: self.running,
+            angle_rad: round(self.angle_rad, 4),
+            deviation_um: deviation_um.collect(),
+        })
     }
 }
 
@@ -246,7 +226,7 @@ mod tests {
         }
         assert_eq!(seen.first().map(|(scan, _)| *scan), Some(100));
         assert!(seen.iter().all(|(_, um)| (um - 2.0).abs() < 1e-6));
-        let (low, high) = view.range_um().expect("a range");
+        let (low, high) = view.state().expect("a circle").range_um().expect("a range");
         assert!((low - 2.0).abs() < 1e-6 && (high - 2.0).abs() < 1e-6);
         // 1 rad to 4 rad: from 57° to 228°.
         assert_eq!(view.deviation[40], None);

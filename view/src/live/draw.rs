@@ -26,11 +26,7 @@ pub fn draw(frame: &mut Frame<'_>, screen: &Screen<'_>) {
     if area.width < SMALLEST.0 || area.height < SMALLEST.1 {
         let words = format!(
             "{}: the window is {}×{}; this view needs {}×{}",
-            screen.model.says().state,
-            area.width,
-            area.height,
-            SMALLEST.0,
-            SMALLEST.1
+            screen.model.shown.state.says.state, area.width, area.height, SMALLEST.0, SMALLEST.1
         );
         frame.render_widget(Paragraph::new(words), area);
         return;
@@ -69,7 +65,7 @@ fn narrow(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
     let [plot, below] = parts.areas(left);
     circle::draw(frame, plot, screen);
     panels::reversals(frame, below, screen);
-    let processes = (screen.model.processes().len() as u16 + 2).min(right.height / 2);
+    let processes = (screen.model.shown.state.processes.len() as u16 + 2).min(right.height / 2);
     let parts = Layout::vertical([
         Constraint::Length(processes),
         Constraint::Length(3),
@@ -97,7 +93,7 @@ fn wide(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
     let [above, below] = parts.areas(middle);
     panels::reversals(frame, above, screen);
     panels::timing(frame, below, screen);
-    let processes = (screen.model.processes().len() as u16 + 2).min(area.height * 2 / 3);
+    let processes = (screen.model.shown.state.processes.len() as u16 + 2).min(area.height * 2 / 3);
     let parts = Layout::vertical([Constraint::Length(processes), Constraint::Min(1)]);
     let [above, below] = parts.areas(right);
     panels::processes(frame, above, screen);
@@ -126,7 +122,7 @@ const CONFIRM_RESUME: &str =
 fn bottom_line(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
     let palette = screen.palette;
     let (style, words) = match &screen.prompt {
-        Prompt::Keys if screen.model.link.is_some() => {
+        Prompt::Keys if screen.model.shown.state.remote.is_some() => {
             let words = " seen from another machine, read only   ? help   q quit this view";
             (palette.quiet(), words.into())
         }

@@ -3,11 +3,13 @@
 use bus::sample::{Feedback, ProgramState};
 use machine::offsets_file::WORK_OFFSETS;
 use machine::{AxisKind, Machine};
-use path::geometry::{Element, Feed, Path, Shape};
+use path::geometry::{AxisVector, Element, Feed, Path, Shape};
 use path::kinematics::Kinematics;
 use program::Modes;
+use remote::state::{AxisState, Readout};
 
 use super::model::Model;
+use super::state::{round, rounded};
 
 /// Half of the last digit that is shown, in mm or degrees.
 const HALF_A_DIGIT: f64 = 0.5e-4;
@@ -65,65 +67,31 @@ fn duration_s(machine: &Machine, element: &Element) -> f64 {
     if time_s.is_finite() { time_s } else { 0.0 }
 }
 
-/// The readout. What cannot be known is none.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct Dro {
-    /// Of each axis: where it is commanded to be, in the coordinates of the program, in mm or degrees.
-    pub work: Vec<Option<f64>>,
-    /// Of each axis: the way to the end of the block, signed, in mm or degrees.
-    pub distance_to_go: Vec<Option<f64>>,
-    /// The work offset in force.
-    pub work_offset: Option<&'static str>,
-    /// What the length of the tool takes off along each axis.
-    pub tool_length: Option<Vec<f64>>,
-    /// Feed of the block, in mm/min; none in rapid.
-    pub programmed_feed_mm_min: Option<f64>,
-    /// Only rotary axes move in the block: both feeds are in degrees/min.
-    pub is_feed_of_rotary: bool,
-    /// The block is in rapid.
-    pub rapid: Option<bool>,
-    /// Speed of the tool, in mm/min; of linear axes.
-    pub feed_mm_min: Option<f64>,
-    /// F as the program has it, in its unit.
-    pub feed_word: Option<f64>,
-    /// S as the program has it.
-    pub speed_word: Option<f64>,
-    /// Codes in force.
-    pub active_codes: Vec<String>,
-    /// Estimate of the time that the program still takes.
-    pub time_left_s: Option<f64>,
-}
-
-impl Dro {
-    /// Unit of both feeds.
-    pub fn feed_unit(&self) -> &'static str {
-        if self.is_feed_of_rotary {
-            "deg/min"
-        } else {
-            "mm/min"
-        }
-    }
-}
-
-/// The readout of what is known of a cell.
-pub fn of(model: &Model) -> Dro {
+/// The readout of what is known of a cell; its coordinates are put to the axes.
+pub fn of(model: &Model, axes: &mut [AxisState]) -> Readout {
+    let (block_line, block_text) = model.block().unzip();
+    let mut readout = Readout {
+        block_line,
+        block_text: block_text.map(String::from),
+        time_left_is_estimate: true,
+        ..Readout::default()
+    };
     let Some(feedback) = &model.feedback else {
-        return Dro::default();
+        return readout;
     };
-    let machine = &model.machine;
-    let axes = machine.axes.len();
-    let mut dro = Dro {
-        work: vec![None; axes],
-        distance_to_go: vec![None; axes],
-        ..Dro::default()
-    };
+    let (machine, auxiliary) = (&model.machine, &feedback.auxiliary);
+    readout.tool = Some(auxiliary.tool);
+    readout.spindle_rpm = Some(rounded(auxiliary.spindle_rpm, 3));
+    readout.programmed_spindle_rpm = Some(rounded(auxiliary.levels.spindle_rpm, 3));
     // Where axes are those of the program.
     let is_plain = program::kinematics_of(machine) == Kinematics::Cartesian;
     if is_plain {
-        dro.feed_mm_min = Some(speed_mm_min(model, AxisKind::Linear));
+        readout.feed_mm_min = Some(speed_mm_min(model, AxisKind::Linear));
     }
-    let applied = feedback.auxiliary.tool_offset.iter();
-    dro.tool_length = Some(applied.take(axes).copied().collect());
+    for (axis, length_mm) in axes.iter_mut().zip(auxiliary.tool_offset) {
+        axis.tool_length_mm = Some(rounded(length_mm, 6));
+    }
+    let named = machine.program_axes().len();
     let runs = model.program_state() == Some(ProgramState::Running);
     let modal = if runs {
         let course = model.course.as_ref();
@@ -132,63 +100,69 @@ pub fn of(model: &Model) -> Dro {
         model.next_start.as_ref()
     };
     if let Some(modal) = modal {
-        dro.work_offset = WORK_OFFSETS.get(modal.work_offset).copied();
-        dro.active_codes.clone_from(&modal.codes);
-        dro.feed_word = modal.feed;
-        dro.speed_word = Some(modal.speed);
+        let offset = WORK_OFFSETS.get(modal.work_offset);
+        readout.work_offset = offset.map(|name| (*name).into());
+        readout.active_codes.clone_from(&modal.codes);
+        readout.feed_word = modal.feed;
+        readout.speed_word = Some(modal.speed);
         if let Some(work) = program::work_place(machine, feedback, modal) {
-            let named = dro.work.iter_mut().take(machine.program_axes().len());
-            for (slot, value) in named.zip(work.iter()) {
-                *slot = Some(without_sign_of_nothing(*value));
+            for (axis, value) in axes.iter_mut().take(named).zip(work.iter()) {
+                axis.work_mm = Some(without_sign_of_nothing(*value));
             }
         }
     }
-    if runs && !feedback.tag.is_off_path() {
-        along_the_path(&mut dro, model, feedback, is_plain);
+    let elements = model.program.as_ref().map(|of| &of.path.elements);
+    let element = elements.and_then(|all| all.get(feedback.tag.element as usize));
+    if let Some(element) = element.filter(|_| runs) {
+        along_the_path(&mut readout, model, feedback, element);
+        let way = way_to_go(model, feedback, element).filter(|_| is_plain);
+        if let Some(way) = way {
+            for (axis, value) in axes.iter_mut().take(named).zip(way.iter()) {
+                axis.distance_to_go_mm = Some(without_sign_of_nothing(*value));
+            }
+        }
     }
-    dro
+    readout
 }
 
 /// What can be said of the block that is travelled.
-fn along_the_path(dro: &mut Dro, model: &Model, feedback: &Feedback, is_plain: bool) {
-    let Some(program) = &model.program else {
-        return;
-    };
-    let elements = &program.path.elements;
-    let at = feedback.tag.element as usize;
-    let Some(element) = elements.get(at) else {
-        return;
-    };
-    if is_plain && moves_rotary_axes_alone(&model.machine, element) {
-        dro.is_feed_of_rotary = true;
-        dro.feed_mm_min = Some(speed_mm_min(model, AxisKind::Rotary));
-    }
-    match element.feed {
-        _ if matches!(element.shape, Shape::Dwell { .. }) => {}
-        Feed::Rapid => dro.rapid = Some(true),
+fn along_the_path(readout: &mut Readout, model: &Model, feedback: &Feedback, element: &Element) {
+    let programmed = match element.feed {
+        _ if matches!(element.shape, Shape::Dwell { .. }) => None,
+        Feed::Rapid => {
+            readout.rapid = Some(true);
+            None
+        }
         Feed::PathMmS(feed_mm_s) => {
-            dro.rapid = Some(false);
-            dro.programmed_feed_mm_min = Some(feed_mm_s * 60.0);
+            readout.rapid = Some(false);
+            Some(rounded(feed_mm_s * 60.0, 3))
         }
-    }
-    let of_block = elements
-        .iter()
-        .skip(at)
-        .take_while(|other| other.line == element.line);
-    if is_plain && let Some(last) = of_block.last() {
-        let way = last.end() - program::commanded(&model.machine, feedback);
-        let named = model.machine.program_axes().len();
-        for (slot, value) in dro.distance_to_go.iter_mut().take(named).zip(way.iter()) {
-            *slot = Some(without_sign_of_nothing(*value));
-        }
+    };
+    if readout.feed_mm_min.is_some() && moves_rotary_axes_alone(&model.machine, element) {
+        readout.feed_mm_min = None;
+        readout.feed_deg_min = Some(speed_mm_min(model, AxisKind::Rotary));
+        readout.programmed_feed_deg_min = programmed;
+    } else {
+        readout.programmed_feed_mm_min = programmed;
     }
     let done = match element.length_mm > 0.0 {
         true => feedback.tag.distance_mm / element.length_mm,
         false => 0.0,
     };
-    let course = model.course.as_ref();
-    dro.time_left_s = course
+    let left_s = model
+        .course
+        .as_ref()
         .and_then(|course| course.left_s(feedback.tag.element, done, feedback.override_percent));
+    readout.time_left_s = round(left_s, 1);
+}
+
+/// From the command to the end of the block.
+fn way_to_go(model: &Model, feedback: &Feedback, element: &Element) -> Option<AxisVector> {
+    let elements = model.program.as_ref()?.path.elements.iter();
+    let of_block = elements
+        .skip(feedback.tag.element as usize)
+        .take_while(|other| other.line == element.line);
+    Some(of_block.last()?.end() - program::commanded(&model.machine, feedback))
 }
 
 /// What is less than half of the last digit that is shown is nothing, and nothing has no sign.
@@ -196,7 +170,7 @@ fn without_sign_of_nothing(value: f64) -> f64 {
     if value.abs() < HALF_A_DIGIT {
         0.0
     } else {
-        value
+        rounded(value, 6)
     }
 }
 
@@ -215,5 +189,5 @@ fn speed_mm_min(model: &Model, kind: AxisKind) -> f64 {
     let axes = model.machine.program_axes().iter().zip(&model.axes);
     let of_kind = axes.filter(|(axis, _)| axis.kind == kind);
     let square: f64 = of_kind.map(|(_, of)| of.now.velocity_mm_s.powi(2)).sum();
-    square.sqrt() * 60.0
+    rounded(square.sqrt() * 60.0, 1)
 }

@@ -14,10 +14,11 @@ use bus::service::RECORDER_DEPTH_SCANS;
 use machine::Machine;
 
 use super::dro::ProgramTimes;
-use super::fieldbus::BusView;
+use super::fieldbus;
 use super::model::Model;
 use super::ports::Ports;
 use super::source::Source;
+use super::state::Shown;
 use super::timing::listen;
 use console::exit::Failure;
 use launcher::children::children_of;
@@ -223,9 +224,13 @@ impl Source for Feed {
             return;
         };
         self.drain(&mut ports);
-        self.model.bus = self.drive_page.as_ref().map(BusView::of);
+        self.model.bus = self
+            .drive_page
+            .as_ref()
+            .map(|page| fieldbus::of(page, &self.machine));
         self.ports = Some(ports);
         self.model.end_of_look();
+        self.model.shown = Shown::of(&self.model);
     }
 
     fn is_whole(&self) -> bool {
@@ -256,6 +261,7 @@ impl Source for Feed {
             return;
         }
         self.model.ended = true;
+        self.model.shown = Shown::of(&self.model);
         self.ports = None;
         if let Ok(feed) = Feed::attach(Some(self.cell.place.name())) {
             *self = feed;

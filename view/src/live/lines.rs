@@ -24,7 +24,7 @@ const SIZE: (u16, u16) = (80, 24);
 pub fn once(mut feed: Box<dyn Source>, as_json: bool) -> Outcome {
     let started = Instant::now();
     loop {
-        let long_enough = started.elapsed() > WATCH && feed.model().feedback.is_some();
+        let long_enough = started.elapsed() > WATCH && feed.model().shown.state.scan.is_some();
         let too_long = started.elapsed() > super::looks::SILENCE;
         feed.look();
         if long_enough || too_long || feed.has_ended() {
@@ -57,7 +57,7 @@ pub fn run(mut feed: Box<dyn Source>) -> Outcome {
     let mut due = Instant::now();
     loop {
         feed.look();
-        if feed.model().feedback.is_some() {
+        if feed.model().shown.state.scan.is_some() {
             let mut out = std::io::stdout().lock();
             let line = json::line(feed.model(), &mut reported);
             let written = writeln!(out, "{line}").and_then(|()| out.flush());

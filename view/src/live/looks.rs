@@ -18,7 +18,7 @@ pub const ONE_LOOK: Duration = Duration::from_millis(1500);
 
 /// A cell of which nothing was heard has nothing to show.
 pub fn heard(feed: &dyn Source) -> Outcome {
-    if feed.model().feedback.is_some() {
+    if feed.model().shown.state.scan.is_some() {
         return Ok(());
     }
     Err(Failure::Stopped(anyhow!(

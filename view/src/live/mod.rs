@@ -30,6 +30,7 @@ mod reversal;
 #[cfg(feature = "remote")]
 pub mod serve;
 pub(crate) mod source;
+pub(crate) mod state;
 mod terminal;
 #[cfg(test)]
 mod test_support;
@@ -57,7 +58,7 @@ pub fn status(options: &StatusOptions) -> Outcome {
     let started = Instant::now();
     loop {
         feed.look();
-        let limit = if feed.model().feedback.is_some() {
+        let limit = if feed.model().shown.state.scan.is_some() {
             ONE_LOOK
         } else {
             SILENCE
@@ -71,7 +72,8 @@ pub fn status(options: &StatusOptions) -> Outcome {
     if options.json {
         say(&json::status(feed.model()));
     } else {
-        say(&text::status(feed.model()));
+        let model = feed.model();
+        say(&text::status(&model.shown.state, &model.machine));
     }
     Ok(())
 }

@@ -5,22 +5,22 @@ use std::collections::VecDeque;
 use bus::member::Pace;
 use bus::messages::ProgramMessage;
 use bus::sample::{
-    AxisCommand, Cause, Feedback, Instruments, Job, MAX_SUBSAMPLES, Mode, PlannerStatus,
-    ProgramState, Roster, STANDBY_ALARM_S,
+    AxisCommand, Cause, Feedback, Instruments, Job, MAX_SUBSAMPLES, Mode, Participant,
+    PlannerStatus, ProgramState, Roster, STANDBY_ALARM_S,
 };
 use machine::{Machine, Process};
 use path::geometry::{AxisVector, Element, Feed, Shape};
 use path::kinematics::Kinematics;
 use program::{Modal, Program};
-use remote::wire::ProcessState;
+use remote::state::BusState;
 use report::contour;
 
 use super::axis::AxisView;
 use super::circle::CircleView;
 use super::dro::ProgramTimes;
 use super::events::{Events, Weight};
-use super::fieldbus::BusView;
 use super::reversal::Reversals;
+use super::state::Shown;
 use super::timing::Timing;
 use super::track::Track;
 use super::trail::Trail;
@@ -29,53 +29,6 @@ use launcher::children::Child;
 
 /// Messages of the program that are shown.
 const SAID_KEPT: usize = 5;
-
-/// What a view from another machine knows of its link.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct LinkView {
-    /// Where the server is.
-    pub to: String,
-    /// What is shown is at least and at most so old, in s; none before the first round trip.
-    pub age_s: Option<(f64, f64)>,
-    /// The last round trip, in s.
-    pub round_trip_s: Option<f64>,
-    /// Time since the last snapshot came, in s.
-    pub silent_s: f64,
-    /// Whether the link counts as lost.
-    pub lost: bool,
-    /// Snapshots taken.
-    pub snapshots: u64,
-    /// Snapshots that were dropped on the way: the link was too slow for them.
-    pub snapshots_lost: u64,
-    /// Messages that were not believed.
-    pub refused: u64,
-    /// Messages for which there was no room here.
-    pub dropped: u64,
-    /// Events that the server had forgotten before they could be asked for.
-    pub events_lost: u64,
-}
-
-impl LinkView {
-    /// The age of what is shown, in words.
-    pub fn age_words(&self) -> String {
-        match self.age_s {
-            Some((_, max_s)) if max_s < 1.0 => format!("data ≤ {:.0} ms old", max_s * 1e3),
-            Some((_, max_s)) => format!("data ≤ {max_s:.1} s old"),
-            None => "age of data not known yet".into(),
-        }
-    }
-}
-
-/// What a view from another machine gets.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct ReportedView {
-    /// Name of the program's file.
-    pub program_name: Option<String>,
-    /// Line and text of the block.
-    pub block: Option<(u32, String)>,
-    /// The processes.
-    pub processes: Vec<ProcessState>,
-}
 
 /// A running cell as an observer knows it.
 #[derive(Debug)]
@@ -103,7 +56,7 @@ pub struct Model {
     /// Per axis.
     pub axes: Vec<AxisView>,
     /// The fieldbus, where the cell has one and its page can be read.
-    pub bus: Option<BusView>,
+    pub bus: Option<BusState>,
     /// The circle that is travelled.
     pub circle: CircleView,
     /// Where the tool was; only of an observer who wants to draw it.
@@ -120,10 +73,8 @@ pub struct Model {
     pub ended: bool,
     /// Scans seen, and scans that were lost to this observer because it was not quick enough.
     pub seen_scans: (u64, u64),
-    /// Of a view from another machine: the link.
-    pub link: Option<LinkView>,
-    /// Of a view from another machine: what can only be known on the spot.
-    pub reported: Option<ReportedView>,
+    /// What is shown of all this: since the last look, or as an observer on the spot has reported it.
+    pub shown: Shown,
     kinematics: Kinematics,
     roster: Option<Roster>,
     children: Vec<Child>,
@@ -157,8 +108,7 @@ impl Model {
             timing: Timing::new(f64::from(machine.scan.period_us)),
             ended: false,
             seen_scans: (0, 0),
-            link: None,
-            reported: None,
+            shown: Shown::default(),
             kinematics: program::kinematics_of(&machine),
             roster: None,
             children: Vec::new(),
@@ -172,7 +122,7 @@ impl Model {
 
     /// Whether everything has been heard of once.
     pub fn is_whole(&self) -> bool {
-        let errors = self.axes.iter().all(|axis| axis.now.error_um.is_some());
+        let errors = self.axes.iter().all(|axis| axis.error_um.is_some());
         self.feedback.is_some() && self.roster.is_some() && self.planner.is_some() && errors
     }
 
@@ -239,7 +189,7 @@ impl Model {
         let Some(axis) = self.axes.get_mut(index) else {
             return;
         };
-        if command.role != axis.now.role {
+        if command.role != axis.now.taken_role {
             return;
         }
         let error_um = axis.command(command);
@@ -248,19 +198,6 @@ impl Model {
         {
             *slot = error_um;
         }
-    }
-
-    /// The skews of the machine's gantries in words, as far as they are known.
-    pub fn skew_words(&self) -> impl Iterator<Item = String> + '_ {
-        let name = |index| self.machine.axis_name(index);
-        self.machine.gantries().filter_map(move |pair| {
-            let skew_um = self.skew_um(pair.follower)?;
-            let (leader, follower) = (name(pair.leader), name(pair.follower));
-            let most_um = pair.skew_max_mm * 1e3;
-            Some(format!(
-                "skew of {leader} and {follower} {skew_um:+.1} µm, at most {most_um:.0}"
-            ))
-        })
     }
 
     /// How far the second motor of a gantry is ahead of its axis's first, in µm; none of other motors.
@@ -323,11 +260,8 @@ impl Model {
 
     /// Whether a second process could take the fieldbus over.
     pub fn has_bus_standby(&self) -> bool {
-        let roster = self.roster.as_ref();
-        let participants = roster.map_or(&[][..], |roster| &roster.participants);
-        let living = participants
-            .iter()
-            .filter(|one| one.job == Job::Fieldbus as u32 && one.live == 1);
+        let living = self.participants().iter();
+        let living = living.filter(|one| one.job == Job::Fieldbus as u32 && one.live == 1);
         living.count() > 1
     }
 
@@ -353,53 +287,29 @@ impl Model {
         self.axes.iter_mut().for_each(AxisView::end_of_look);
     }
 
-    /// The processes, in the order of the roster; empty before a roster was heard.
-    pub fn processes(&self) -> Vec<ProcessState> {
-        if let Some(reported) = &self.reported {
-            return reported.processes.clone();
-        }
-        let Some(roster) = &self.roster else {
-            return Vec::new();
+    /// The places of the roster; none before one was heard.
+    pub fn participants(&self) -> &[Participant] {
+        let roster = self.roster.as_ref();
+        roster.map_or(&[], |roster| &roster.participants)
+    }
+
+    /// Process id of the one that has this place now.
+    pub fn pid_of(&self, place: usize, participant: &Participant) -> Option<u32> {
+        let mut children = self.children.iter();
+        let is_it =
+            |child: &&Child| child.place == place && child.incarnation == participant.incarnation;
+        children.find(is_it).map(|child| child.pid)
+    }
+
+    /// Scans since the process in this place was last done with one.
+    pub fn age_scans(&self, place: usize, job: Job) -> Option<u64> {
+        let now = self.heard_scan?;
+        let then = match job {
+            Job::Master => Some(now),
+            Job::Monitor => self.recorded,
+            _ => self.answered.get(place).copied().flatten(),
         };
-        let age_of = |answered: Option<u64>| {
-            let both = self.heard_scan.zip(answered);
-            both.map(|(now, then)| now.saturating_sub(then))
-        };
-        let places = roster.participants.iter().enumerate();
-        places
-            .filter_map(|(place, participant)| {
-                let process = Process::of(participant)?;
-                let job = process.job;
-                let live = participant.live == 1;
-                let child = self.children.iter().find(|child| {
-                    child.place == place && child.incarnation == participant.incarnation
-                });
-                let answered = self.answered.get(place).copied().flatten();
-                let age = match job {
-                    Job::Master => self.heard_scan.map(|_| 0),
-                    Job::Monitor => age_of(self.recorded),
-                    _ => age_of(answered),
-                };
-                let axis = self.axes.get(participant.axis as usize);
-                Some(ProcessState {
-                    name: process.name(&self.machine),
-                    job: job.word().into(),
-                    pid: child.filter(|_| live).map(|child| child.pid),
-                    starts: participant.incarnation,
-                    live,
-                    stalled: participant.stalled == 1,
-                    drives: (job == Job::Servo).then(|| {
-                        live && axis.is_some_and(|axis| axis.now.role == participant.role)
-                    }),
-                    redundancy: axis
-                        .filter(|axis| job == Job::Servo && axis.now.role != participant.role)
-                        .map(|axis| axis.redundancy() as u32),
-                    age_scans: age,
-                    death: (participant.death_scan != u64::MAX && participant.death_scan != 0)
-                        .then_some((participant.death_scan, participant.death_signal)),
-                })
-            })
-            .collect()
+        Some(now.saturating_sub(then?))
     }
 
     /// What there is to say of an axis that has been without its standby for too long.
@@ -413,7 +323,7 @@ impl Model {
 
     /// Place of a process in the roster, once one was heard.
     pub fn place_of(&self, process: Process) -> Option<usize> {
-        let mut places = self.roster.as_ref()?.participants.iter();
+        let mut places = self.participants().iter();
         places.position(|participant| Process::of(participant) == Some(process))
     }
 
@@ -421,9 +331,6 @@ impl Model {
     pub fn program_name(&self) -> Option<&str> {
         if self.program_state() == Some(ProgramState::None) {
             return None;
-        }
-        if let Some(reported) = &self.reported {
-            return reported.program_name.as_deref();
         }
         if let Some(loaded) = &self.loaded {
             return Some(loaded);
@@ -449,10 +356,6 @@ impl Model {
 
     /// Line and text of the block being executed, or of the one where the path was left.
     pub fn block(&self) -> Option<(u32, &str)> {
-        if let Some(reported) = &self.reported {
-            let (line, text) = reported.block.as_ref()?;
-            return Some((*line, text.as_str()));
-        }
         let feedback = self.feedback.as_ref()?;
         let Some(program) = &self.program else {
             let line = self.planner.as_ref()?.line;
@@ -485,11 +388,7 @@ impl Model {
         if let Some(text) = self.given_up() {
             says.detail = format!("{}; {text}", says.detail);
         }
-        if let Some(link) = self.link.as_ref().filter(|link| link.lost) {
-            let detail = format!("link lost for {:.1} s: what is shown is old", link.silent_s);
-            let next = "the machine goes on; this view comes back by itself";
-            says = Says::new("✖", "NO LINK", Tone::Bad, &detail, next);
-        } else if self.ended {
+        if self.ended {
             let detail = format!("last seen: {}, {}", says.state.to_lowercase(), says.detail);
             let next = "the run has ended; this view waits for the next one (q quits)";
             says = Says::new("—", "ENDED", Tone::Waits, &detail, next);
@@ -498,9 +397,6 @@ impl Model {
             let detail = format!("no feedback for {age_s:.1} s: the master is lost or stopped");
             let next = "what is shown is old; the drives brake by themselves";
             says = Says::new("✖", "SILENT", Tone::Bad, &detail, next);
-        }
-        if self.link.as_ref().is_some_and(|link| !link.lost) {
-            says.next = format!("on the controller PC: {}", says.next);
         }
         says
     }

@@ -7,12 +7,15 @@ use machine::Machine;
 use remote::clock::{Clocks, now_us};
 use remote::events::{Follower, Reported};
 use remote::link::{Client, Endpoint, Heard};
+use remote::state::LinkState;
 use remote::wire::Snapshot;
 
 use super::events::Weight;
-use super::model::{LinkView, Model};
+use super::model::Model;
 use super::picture;
 use super::source::Source;
+use super::state::{round, rounded, tell};
+use super::words::{Says, Tone};
 use console::exit::{Failure, Kind};
 
 /// Nobody who is there is silent for so long.
@@ -31,7 +34,7 @@ const LOOK_MAX: usize = 512;
 /// An ear at a server, and the model it fills.
 pub struct RemoteFeed {
     model: Model,
-    link: LinkView,
+    link: LinkState,
     client: Client,
     cell: String,
     session: u64,
@@ -61,15 +64,12 @@ impl RemoteFeed {
         let mut client = Client::open(&to, cell).environment()?;
         let (cell, session) = first_heard(&mut client, &to, cell)?;
         let machine = machine_of(&mut client, &to, &cell, session)?;
-        let link = LinkView {
-            to: to.to_string(),
-            ..LinkView::default()
-        };
-        let mut model = Model::new(&cell, machine);
-        model.link = Some(link.clone());
         Ok(RemoteFeed {
-            model,
-            link,
+            model: Model::new(&cell, machine),
+            link: LinkState {
+                server: to.to_string(),
+                ..LinkState::default()
+            },
             client,
             cell,
             session,
@@ -102,9 +102,9 @@ impl RemoteFeed {
             Heard::Snapshot(message) => {
                 // The server that was thought lost speaks again.
                 self.next_session = None;
-                self.snapshot(&message);
+                self.snapshot(*message);
             }
-            Heard::Circle(message) => picture::fill_circle(&mut self.model, &message),
+            Heard::Circle(message) => self.model.shown.circle = Some(message.circle),
             Heard::Event(event) => self.follower.take(event, &mut reported),
             Heard::History(history) => self.follower.history(history, &mut reported),
             Heard::Machine(_) => {}
@@ -139,19 +139,46 @@ impl RemoteFeed {
         }
     }
 
-    fn snapshot(&mut self, message: &Snapshot) {
-        if message.sequence <= self.sequence || !picture::fill(&mut self.model, message) {
+    fn snapshot(&mut self, message: Snapshot) {
+        let (sequence, events_count) = (message.sequence, message.events_count);
+        let age_us = (message.state.feedback_age_s.max(0.0) * 1e6) as u64;
+        let made_us = message.made_us.saturating_sub(age_us);
+        if sequence <= self.sequence || !picture::fill(&mut self.model, message) {
             return;
         }
         if self.sequence > 0 {
-            let lost = message.sequence - self.sequence - 1;
+            let lost = sequence - self.sequence - 1;
             self.link.snapshots_lost = self.link.snapshots_lost.saturating_add(lost);
         }
         self.link.snapshots += 1;
-        self.sequence = message.sequence;
-        self.made_us = message.made_us.saturating_sub(message.feedback_age_us);
+        self.sequence = sequence;
+        self.made_us = made_us;
         self.heard = Instant::now();
-        self.follower.there_are(message.events_count);
+        self.follower.there_are(events_count);
+        let next = &mut self.model.shown.state.next;
+        *next = format!("on the controller PC: {next}");
+    }
+
+    /// What is known of the link, beside the cell's state.
+    fn tell_link(&mut self) {
+        let age = self.clocks.age(self.made_us, now_us());
+        let age = age.filter(|_| self.sequence > 0);
+        let link = &mut self.link;
+        link.data_age_s_max = round(age.map(|age| age.max_s), 4);
+        link.data_age_s_min = round(age.map(|age| age.min_s), 4);
+        link.round_trip_s = round(self.clocks.round_trip_s(), 4);
+        link.silent_s = rounded(self.heard.elapsed().as_secs_f64(), 3);
+        link.link_lost = self.heard.elapsed() >= LOST;
+        link.messages_refused = self.client.refused();
+        link.messages_dropped = self.client.dropped();
+        link.events = self.model.events.count;
+        let state = &mut self.model.shown.state;
+        state.remote = Some(link.clone());
+        if link.link_lost {
+            let detail = format!("link lost for {:.1} s: what is shown is old", link.silent_s);
+            let next = "the machine goes on; this view comes back by itself";
+            tell(state, Says::new("✖", "NO LINK", Tone::Bad, &detail, next));
+        }
     }
 
     fn event(&mut self, reported: Reported) {
@@ -212,26 +239,16 @@ impl Source for RemoteFeed {
             }
         }
         self.ask();
-        let age = self.clocks.age(self.made_us, now_us());
-        let age = age.filter(|_| self.sequence > 0);
-        self.link.age_s = age.map(|age| (age.min_s, age.max_s));
-        self.link.round_trip_s = self.clocks.round_trip_s();
-        self.link.silent_s = self.heard.elapsed().as_secs_f64();
-        self.link.lost = self.heard.elapsed() >= LOST;
-        self.link.refused = self.client.refused();
-        self.link.dropped = self.client.dropped();
-        self.model.link = Some(self.link.clone());
+        self.tell_link();
         self.model.end_of_look();
     }
 
     fn is_whole(&self) -> bool {
-        let errors = self
-            .model
-            .axes
-            .iter()
-            .all(|axis| axis.now.error_um.is_some());
+        let state = &self.model.shown.state;
+        let axes = &state.axes;
+        let errors = axes.iter().all(|axis| axis.following_error_um.is_some());
         let events = self.follower.ask_after().is_none();
-        self.link.age_s.is_some() && self.model.feedback.is_some() && errors && events
+        self.link.data_age_s_max.is_some() && state.scan.is_some() && errors && events
     }
 
     /// A server that is gone may come back; the end of a run is reported.

@@ -7,7 +7,7 @@
 
 use std::collections::VecDeque;
 
-use remote::wire::ReversalState;
+use remote::state::ReversalState;
 use report::turns::{WINDOW_S, window_rad};
 
 use super::axis::Turn;

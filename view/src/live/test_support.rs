@@ -4,6 +4,9 @@ use bus::sample::{Feedback, Mode, ProgramState, WindowId};
 use bytemuck::Zeroable;
 use machine::Machine;
 
+use super::model::Model;
+use super::state::Shown;
+
 /// `machines/xy`.
 pub fn machine() -> Machine {
     let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
@@ -27,4 +30,9 @@ pub fn running(scan: u64) -> Feedback {
         axis_count: 2,
         ..Feedback::zeroed()
     }
+}
+
+/// The end of a look: what was seen is shown.
+pub fn look(model: &mut Model) {
+    model.shown = Shown::of(model);
 }

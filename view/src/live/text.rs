@@ -1,74 +1,62 @@
 //! One look at a cell, as text.
 
-use bus::sample::{ProgramState, Redundancy};
 use std::fmt::Write;
 
-use bus::service::ROLES;
+use bus::sample::{Inputs, ProgramState as Progress, Redundancy};
+use machine::Machine;
+use remote::state::{AxisState, CellState, Death, LinkState, ProcessState, ProgramState, Readout};
 
-use super::dro;
-use super::model::Model;
-use remote::wire::ProcessState;
+use super::axis::ABSOLUTE;
 
 /// What `quadrant status` prints.
-pub fn status(model: &Model) -> String {
-    let says = model.says();
-    let mut text = format!("{}  {}: {}", model.cell, says.state, says.detail);
-    if let Some(feedback) = &model.feedback {
-        let time_s = feedback.scan as f64 * model.machine.scan_period_s();
-        let pace = model.pace.map_or("", |pace| pace.word());
+pub fn status(state: &CellState, machine: &Machine) -> String {
+    let says = &state.says;
+    let mut text = format!("{}  {}: {}", state.cell, says.state, says.detail);
+    if let Some(scan) = state.scan {
+        let percent = |percent: Option<u32>| percent.unwrap_or(100);
         let _ = write!(
             text,
-            "\n  hold {}, override {} %, rapids {} %, jogs {} %, single block {}, scan {} ({time_s:.1} s) {pace}, overrun scans {}",
-            on_or_off(feedback.hold == 1),
-            feedback.override_percent,
-            feedback.inputs.rapid_override_percent(),
-            feedback.inputs.jog_override_percent(),
-            on_or_off(feedback.inputs.single_block()),
-            feedback.scan,
-            feedback.overrun_scans,
+            "\n  hold {}, override {} %, rapids {} %, jogs {} %, single block {}, scan {scan} ({:.1} s) {}, overrun scans {}",
+            on_or_off(state.hold == Some(true)),
+            percent(state.override_percent),
+            percent(state.rapid_override_percent),
+            percent(state.jog_override_percent),
+            on_or_off(state.single_block == Some(true)),
+            state.time_s.unwrap_or(0.0),
+            state.pace.as_deref().unwrap_or_default(),
+            state.overrun_scans.unwrap_or(0),
         );
     }
-    let auxiliary = model.feedback.as_ref().map(|feedback| feedback.auxiliary);
-    if let Some(words) = auxiliary.and_then(|now| report::auxiliary::summary(&now)) {
+    let auxiliary = state.auxiliary.as_ref().and_then(|of| of.summary.as_ref());
+    let bus = state.bus.as_ref().map(|bus| &bus.summary);
+    for words in auxiliary.into_iter().chain(bus) {
         let _ = write!(text, "\n  {words}");
     }
-    if let Some(bus) = &model.bus {
-        let _ = write!(text, "\n  {}", bus.words());
-    }
-    for message in &model.said {
+    for message in &state.messages {
         let _ = write!(text, "\n  says, line {}: {}", message.line, message.text);
     }
-    if let Some(link) = &model.link {
-        let _ = write!(
-            text,
-            "\n  from {}: {}; read only",
-            link.to,
-            link.age_words()
-        );
+    if let Some(link) = &state.remote {
+        let age = age_words(link);
+        let _ = write!(text, "\n  from {}: {age}; read only", link.server);
     }
-    let _ = write!(text, "\n  next: {}", says.next);
-    if let Some(words) = progress(model) {
+    let _ = write!(text, "\n  next: {}", state.next);
+    if let Some(words) = progress(&state.program) {
         let _ = write!(text, "\n  {words}");
     }
-    readout(&mut text, model);
-    axes(&mut text, model);
-    for alarm in model
-        .axes
-        .iter()
-        .filter_map(|axis| model.standby_alarm(axis))
-    {
+    readout(&mut text, state, machine);
+    axes(&mut text, state);
+    for alarm in state.axes.iter().filter_map(|axis| axis.alarm.as_ref()) {
         let _ = write!(text, "\n  ! {alarm}");
     }
-    let processes = model.processes();
-    if !processes.is_empty() {
+    if !state.processes.is_empty() {
         text.push_str("\n\n  process      does             pid  starts  state");
     }
-    for process in &processes {
+    for process in &state.processes {
         let pid = process.pid.map_or("-".into(), |pid| pid.to_string());
         let _ = write!(
             text,
             "\n  {:<12} {:<12} {pid:>7}  {:>6}  {}",
-            process.name,
+            process.process,
             process.job,
             process.starts,
             state_of(process)
@@ -77,109 +65,165 @@ pub fn status(model: &Model) -> String {
     text
 }
 
+/// The age of what is shown, in words.
+pub fn age_words(link: &LinkState) -> String {
+    match link.data_age_s_max {
+        Some(max_s) if max_s < 1.0 => format!("data ≤ {:.0} ms old", max_s * 1e3),
+        Some(max_s) => format!("data ≤ {max_s:.1} s old"),
+        None => "age of data not known yet".into(),
+    }
+}
+
+/// What is switched that is not as usual, in words.
+pub fn switched_words(state: &CellState) -> Option<String> {
+    let [rapid, jog] = [state.rapid_override_percent, state.jog_override_percent];
+    let panel = Inputs::panel(state.single_block?, (rapid?, jog?));
+    report::auxiliary::panel(&Inputs {
+        panel,
+        ..Inputs::default()
+    })
+}
+
+/// How far the second motors of the gantries are ahead, as far as that is known.
+pub fn skew_words(state: &CellState, machine: &Machine) -> Vec<String> {
+    let name = |index| machine.axis_name(index);
+    let words = machine.gantries().filter_map(|pair| {
+        let skew_um = state.axes.get(pair.follower)?.skew_um?;
+        let (leader, follower) = (name(pair.leader), name(pair.follower));
+        let most_um = pair.skew_max_mm * 1e3;
+        Some(format!(
+            "skew of {leader} and {follower} {skew_um:+.1} µm, at most {most_um:.0}"
+        ))
+    });
+    words.collect()
+}
+
+/// Unit of the deviations of an axis.
+pub fn error_unit(axis: &AxisState) -> &'static str {
+    match axis.unit.as_str() {
+        "deg" => "mdeg",
+        _ => "µm",
+    }
+}
+
+/// Actual feed, the one that is programmed, and the unit of both.
+pub fn feeds(readout: &Readout) -> (Option<f64>, Option<f64>, &'static str) {
+    match readout.feed_deg_min {
+        Some(feed) => (Some(feed), readout.programmed_feed_deg_min, "deg/min"),
+        None => (
+            readout.feed_mm_min,
+            readout.programmed_feed_mm_min,
+            "mm/min",
+        ),
+    }
+}
+
 fn on_or_off(on: bool) -> &'static str {
     if on { "on" } else { "off" }
 }
 
 /// The readout: work and machine coordinates, the way to go, feed, codes, time left.
-fn readout(text: &mut String, model: &Model) {
-    let dro = dro::of(model);
+fn readout(text: &mut String, state: &CellState, machine: &Machine) {
+    let readout = &state.readout;
     let number = |value: Option<f64>| value.map_or("-".into(), |value| format!("{value:+.4}"));
     let _ = write!(
         text,
         "\n\n  axis          work      machine  distance to go"
     );
-    if let Some(offset) = dro.work_offset {
+    if let Some(offset) = &readout.work_offset {
         let _ = write!(text, "    work offset {offset}");
     }
-    let named = model.machine.program_axes().len();
-    for (index, axis) in model.axes.iter().enumerate().take(named) {
-        let of = |values: &[Option<f64>]| number(values.get(index).copied().flatten());
+    for axis in state.axes.iter().take(machine.program_axes().len()) {
         let _ = write!(
             text,
             "\n  {:<2} {:<3} {:>10}  {:>+11.4}  {:>14}",
-            axis.name,
+            axis.axis,
             axis.unit,
-            of(&dro.work),
-            axis.now.command_mm,
-            of(&dro.distance_to_go)
+            number(axis.work_mm),
+            axis.machine_mm,
+            number(axis.distance_to_go_mm)
         );
     }
-    for words in model.skew_words() {
+    for words in skew_words(state, machine) {
         let _ = write!(text, "\n  {words}");
     }
-    if let Some(feed) = dro.feed_mm_min {
-        let programmed = match (dro.rapid, dro.programmed_feed_mm_min) {
+    if let (Some(feed), programmed, unit) = feeds(readout) {
+        let programmed = match (readout.rapid, programmed) {
             (Some(true), _) => ", programmed rapid".into(),
             (_, Some(feed)) => format!(", programmed {feed:.0}"),
             _ => String::new(),
         };
-        let _ = write!(text, "\n  feed {feed:.0} {}{programmed}", dro.feed_unit());
+        let _ = write!(text, "\n  feed {feed:.0} {unit}{programmed}");
     }
-    if let Some(left_s) = dro.time_left_s {
+    if let Some(left_s) = readout.time_left_s {
         let _ = write!(text, ", about {left_s:.0} s left (estimate)");
     }
-    if !dro.active_codes.is_empty() {
-        let _ = write!(text, "\n  {}", dro.active_codes.join(" "));
+    if !readout.active_codes.is_empty() {
+        let _ = write!(text, "\n  {}", readout.active_codes.join(" "));
     }
 }
 
 /// A line for each axis.
-fn axes(text: &mut String, model: &Model) {
+fn axes(text: &mut String, state: &CellState) {
     let _ = write!(
         text,
         "\n\n  axis      command     feedback  following error  torque  winding  friction  missed  servo"
     );
-    for axis in &model.axes {
-        let error = axis.now.error_um.map_or("-".into(), |error_um| {
-            format!("{error_um:+.1} {}", axis.error_unit)
+    for axis in &state.axes {
+        let error = axis.following_error_um.map_or("-".into(), |error_um| {
+            format!("{error_um:+.1} {}", error_unit(axis))
         });
         let _ = write!(
             text,
             "\n  {:<2} {:<3} {:>+10.4}  {:>+11.4}  {error:>15}  {:>4.0} %  {:>+5.1} K  {:>8}  {:>6}  {}",
-            axis.name,
+            axis.axis,
             axis.unit,
-            axis.now.command_mm,
-            axis.now.feedback_mm,
-            axis.torque_share() * 100.0,
-            axis.now.winding_k,
-            axis.friction_words(),
-            axis.now.missed_scans,
-            ROLES.get(axis.now.role as usize).copied().unwrap_or("?"),
+            axis.command_mm,
+            axis.feedback_mm,
+            axis.torque_percent,
+            axis.winding_k,
+            axis.friction,
+            axis.missed_scans,
+            axis.servo
         );
-        if let Some(words) = axis.homing_words() {
-            let _ = write!(text, "  {words}");
+        if axis.reference != ABSOLUTE {
+            let _ = write!(text, "  {}", axis.reference);
         }
     }
 }
 
 /// How far the program is, in words.
-pub fn progress(model: &Model) -> Option<String> {
-    let named = model.program_name().unwrap_or("program");
-    match model.program_state() {
-        Some(ProgramState::None) => return Some("no program is loaded".into()),
-        Some(ProgramState::Loading) => return Some(format!("{named}, being read")),
-        Some(ProgramState::Loaded) => return Some(format!("{named}, loaded")),
-        Some(ProgramState::Done) => return Some(format!("{named}, done")),
-        Some(ProgramState::Running) | None => {}
+pub fn progress(program: &ProgramState) -> Option<String> {
+    let is = |state: Progress| program.state.as_deref() == Some(state.word());
+    let name = program.name.as_deref().unwrap_or("program");
+    for (state, words) in [
+        (Progress::Loading, "being read"),
+        (Progress::Loaded, "loaded"),
+        (Progress::Done, "done"),
+    ] {
+        if is(state) {
+            return Some(format!("{name}, {words}"));
+        }
     }
-    let percent = model.share_done().map(|share| share * 100.0);
-    let block = model.block();
-    let name = model.program_name().unwrap_or("program");
+    if is(Progress::None) {
+        return Some("no program is loaded".into());
+    }
+    let percent = program.percent;
     let share = percent.map_or(String::new(), |percent| format!(" {percent:.1} %"));
-    match block {
-        Some((line, "")) => Some(format!("{name}{share}, line {line}")),
-        Some((line, text)) => Some(format!("{name}{share}, line {line}: {text}")),
-        None => percent.map(|_| format!("{name}{share}")),
+    match (program.line, program.block.as_deref().unwrap_or_default()) {
+        (Some(line), "") => Some(format!("{name}{share}, line {line}")),
+        (Some(line), text) => Some(format!("{name}{share}, line {line}: {text}")),
+        (None, _) => percent.map(|_| format!("{name}{share}")),
     }
 }
 
 /// How a servo is whose commands are not taken.
 pub fn standby_words(process: &ProcessState) -> &'static str {
-    match process.redundancy.and_then(Redundancy::from_wire) {
-        Some(Redundancy::Synchronised) => "stands by",
-        Some(Redundancy::CatchingUp) => "catches up",
-        Some(Redundancy::Alone | Redundancy::Lost) | None => "lives",
+    let is = |state: Redundancy| process.standby.as_deref() == Some(state.words());
+    match is(Redundancy::Synchronised) {
+        true => "stands by",
+        false if is(Redundancy::CatchingUp) => "catches up",
+        false => "lives",
     }
 }
 
@@ -192,7 +236,7 @@ pub fn state_of(process: &ProcessState) -> String {
         (true, false, Some(true)) => "drives".into(),
         (true, false, None) => "lives".into(),
     };
-    if let Some((scan, signal)) = process.death {
+    if let Some(Death { scan, signal }) = process.last_death {
         let _ = if signal == 0 {
             write!(words, ", last ended in scan {scan}")
         } else {

@@ -7,6 +7,9 @@ use std::time::{Duration, Instant};
 
 use bus::signal_page::Signal;
 use hdrhistogram::Histogram;
+use remote::state::TimingState;
+
+use super::state::rounded;
 
 /// Waits at the scan's signal for `budget` and takes the periods between its rings, in ns.
 pub fn listen(signal: &Signal, budget: Duration, mut take: impl FnMut(u64)) {
@@ -37,24 +40,9 @@ pub const BARS_US: [f64; 7] = [5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0];
 #[derive(Debug)]
 pub struct Timing {
     histogram: Option<Histogram<u64>>,
-    /// As somebody on the spot has seen it.
-    pub reported: Option<Summary>,
     period_us: f64,
     /// Periods in each bar of [`BARS_US`], and beyond.
-    pub bars: [u64; BARS_US.len() + 1],
-}
-
-/// What the histogram says.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Summary {
-    /// Periods seen.
-    pub count: u64,
-    /// Median, in µs.
-    pub p50_us: f64,
-    /// 99th percentile, in µs.
-    pub p99_us: f64,
-    /// Longest, in µs.
-    pub max_us: f64,
+    bars: [u64; BARS_US.len() + 1],
 }
 
 impl Timing {
@@ -62,7 +50,6 @@ impl Timing {
     pub fn new(period_us: f64) -> Self {
         Timing {
             histogram: Histogram::new_with_bounds(1, 60_000_000_000, 3).ok(),
-            reported: None,
             period_us,
             bars: [0; BARS_US.len() + 1],
         }
@@ -81,17 +68,15 @@ impl Timing {
     }
 
     /// What was seen; none before the first period.
-    pub fn summary(&self) -> Option<Summary> {
-        if self.reported.is_some() {
-            return self.reported;
-        }
+    pub fn state(&self) -> Option<TimingState> {
         let histogram = self.histogram.as_ref().filter(|h| !h.is_empty())?;
-        let us = |ns: u64| ns as f64 * 1e-3;
-        Some(Summary {
-            count: histogram.len(),
+        let us = |ns: u64| rounded(ns as f64 * 1e-3, 1);
+        Some(TimingState {
+            periods: histogram.len(),
             p50_us: us(histogram.value_at_quantile(0.5)),
             p99_us: us(histogram.value_at_quantile(0.99)),
             max_us: us(histogram.max()),
+            bars: self.bars.to_vec(),
         })
     }
 }
@@ -103,14 +88,14 @@ mod tests {
     #[test]
     fn percentiles_and_bars_are_of_the_periods_that_were_seen() {
         let mut timing = Timing::new(1000.0);
-        assert_eq!(timing.summary(), None);
+        assert_eq!(timing.state(), None);
         (0..990).for_each(|_| timing.take(1_002_000));
         (0..10).for_each(|_| timing.take(1_350_000));
-        let summary = timing.summary().expect("periods");
-        assert_eq!(summary.count, 1000);
+        let summary = timing.state().expect("periods");
+        assert_eq!(summary.periods, 1000);
         assert!((summary.p50_us - 1002.0).abs() < 2.0, "{summary:?}");
         assert!((summary.p99_us - 1002.0).abs() < 2.0, "{summary:?}");
         assert!((summary.max_us - 1350.0).abs() < 2.0, "{summary:?}");
-        assert_eq!(timing.bars, [990, 0, 0, 0, 0, 0, 10, 0]);
+        assert_eq!(summary.bars, [990, 0, 0, 0, 0, 0, 10, 0]);
     }
 }

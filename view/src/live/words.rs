@@ -6,22 +6,12 @@ use bus::sample::{
 use console::exit::Failure;
 use machine::Machine;
 use monitor::words::StopCause;
+pub use remote::state::Tone;
 
 /// What can be done while it runs.
 const WHILE_IT_RUNS: &str = "`quadrant hold`, `quadrant stop`";
 /// What can be done in a hold.
 const IN_HOLD: &str = "`quadrant resume` goes on";
-
-/// How a state is meant.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Tone {
-    /// All is well.
-    Good,
-    /// Waits for somebody.
-    Waits,
-    /// Something is wrong.
-    Bad,
-}
 
 /// A state, reported.
 #[derive(Debug, Clone, PartialEq, Eq)]

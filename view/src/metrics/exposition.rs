@@ -269,41 +269,16 @@ impl Collector for Snapshot {
     }
 }
 
-/// Name of a cause in the label of a trip.
-fn cause_label(cause: Cause) -> &'static str {
-    match cause {
-        Cause::None => "none",
-        Cause::FollowingError => "following-error",
-        Cause::SoftLimit => "soft-limit",
-        Cause::SpeedLimit => "speed-limit",
-        Cause::BadValue => "bad-value",
-        Cause::BadFeedback => "bad-feedback",
-        Cause::WindowMissing => "window-missing",
-        Cause::Watchdog => "watchdog",
-        Cause::ServoLost => "servo-lost",
-        Cause::TorqueLimit => "torque-limit",
-        Cause::Planner => "planner",
-        Cause::NotInPosition => "not-in-position",
-        Cause::MasterLost => "master-lost",
-        Cause::Stalled => "stalled",
-        Cause::DriveFault => "drive-fault",
-        Cause::DriveLost => "drive-lost",
-        Cause::DriveOff => "drive-off",
-        Cause::NotReferenced => "not-referenced",
-        Cause::Spindle => "spindle",
-        Cause::ToolChange => "tool-change",
-        Cause::ProbeMissed => "probe-missed",
-        Cause::ProbeEarly => "probe-early",
-        Cause::ProbeLost => "probe-lost",
-        Cause::HomeSwitch => "home-switch",
-        Cause::HomeIndex => "home-index",
-        Cause::HomeDrive => "home-drive",
-        Cause::EmergencyStop => "emergency-stop",
-        Cause::Skew => "skew",
-        Cause::Abort => "abort",
-        Cause::GantryTorque => "gantry-torque",
-        Cause::ProbeJogged => "probe-jogged",
+/// Name of a cause in the label of a trip: `following-error`.
+fn cause_label(cause: Cause) -> String {
+    let mut label = String::new();
+    for letter in format!("{cause:?}").chars() {
+        if letter.is_uppercase() && !label.is_empty() {
+            label.push('-');
+        }
+        label.push(letter.to_ascii_lowercase());
     }
+    label
 }
 
 impl Snapshot {
@@ -381,6 +356,8 @@ impl Snapshot {
             let count = self.numbers.trips(cause).map_or(0, Count::get);
             (cause_label(cause), count)
         });
+        let trips: Vec<(String, u64)> = trips.collect();
+        let trips = trips.iter().map(|(label, count)| (label.as_str(), *count));
         families.counters("trips", "Trips by cause.", "cause", trips)?;
         let help = "Scans that the recorder did not get, and receptions that failed.";
         let lost = Some(self.samples_lost);

@@ -157,13 +157,13 @@ impl Watch {
         };
         let values = &axis.values;
         // Of two servos of an axis, the one that drives.
-        if sample.role == view.now.role && sample.following_error_mm.is_finite() {
+        if sample.role == view.now.taken_role && sample.following_error_mm.is_finite() {
             let error_m = base_unit(axis.kind, sample.following_error_mm);
             values.following_error_m.set(error_m);
             values.following_error_peak_m.raise_to(error_m.abs());
             axis.following_error.take(error_m.abs());
         }
-        if sample.role == view.now.role && view.friction().is_some() {
+        if sample.role == view.now.taken_role && view.friction().is_some() {
             values.friction_level.set(sample.friction_level);
             values.friction_unexplained.set(sample.friction_unexplained);
         }
@@ -196,10 +196,10 @@ impl Watch {
             let values = &axis.values;
             values
                 .position_m
-                .set(base_unit(axis.kind, view.now.feedback_mm));
+                .set(base_unit(axis.kind, view.feedback_mm()));
             values
                 .command_m
-                .set(base_unit(axis.kind, view.now.command_mm));
+                .set(base_unit(axis.kind, view.command_mm()));
             values.torque_nm.set(now.torque_nm);
             values.torque_peak_nm.raise_to(now.torque_nm.abs());
             values.winding_k.set(now.winding_k);

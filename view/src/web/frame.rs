@@ -3,12 +3,10 @@
 use axum::body::Bytes;
 use serde_json::{Value, json};
 
-use super::pictures::{Drawn, shown};
-use crate::live::circle::{Circle, CircleView};
-use crate::live::json::{self, joined, round, rounded, without_missing};
+use super::pictures::{Drawn, shown as shown_point};
+use crate::live::json::{self, joined};
 use crate::live::model::Model;
 use crate::live::trail::TrailPoint;
-use crate::live::words::Tone;
 
 /// Events in a frame: those that fit a page.
 const EVENTS: usize = 40;
@@ -43,58 +41,29 @@ impl Frame<'_> {
     }
 
     fn of(&self, model: &Model) -> Value {
-        let says = model.says();
+        let shown = &model.shown;
         let trail = model.trail.as_ref();
-        let circle = model.circle.circle.as_ref().filter(|_| self.with_circle);
         let frame = json!({
             "frame": self.number,
             "session": self.session,
             "ended": self.has_ended,
             // As `status --json` has it.
-            "status": json::state(model),
-            "says": {
-                "symbol": says.symbol,
-                "state": says.state,
-                "detail": says.detail,
-                "next": says.next,
-                "tone": match says.tone {
-                    Tone::Good => "good",
-                    Tone::Waits => "waits",
-                    Tone::Bad => "bad",
-                },
-            },
+            "status": json::state(&shown.state),
             "drawn": self.drawn,
-            "points": self.new.iter().map(shown).collect::<Vec<_>>(),
-            "tool": trail.and_then(|trail| trail.now()).map(|now| shown(&now)),
-            "circle": circle.map(|shape| of_circle(&model.circle, shape)),
+            "points": self.new.iter().map(shown_point).collect::<Vec<_>>(),
+            "tool": trail.and_then(|trail| trail.now()).map(|now| shown_point(&now)),
             "reversals": reversals(model),
             "reversals_seen": model.reversals.count,
             "events": events(model),
-            "period_us": model.timing.summary().map(|summary| {
-                [summary.p50_us, summary.p99_us, summary.max_us].map(|us| rounded(us, 1))
-            }),
+            "period_us": shown.timing.as_ref().map(|of| [of.p50_us, of.p99_us, of.max_us]),
             "scans_seen": model.seen_scans.0,
             "scans_not_seen": model.seen_scans.1,
         });
-        without_missing(frame, &["circle"])
+        match shown.circle.as_ref().filter(|_| self.with_circle) {
+            Some(circle) => joined(frame, json!({ "circle": circle })),
+            None => frame,
+        }
     }
-}
-
-fn of_circle(view: &CircleView, shape: &Circle) -> Value {
-    // Per degree: lowest, mean and highest; null where nothing was seen.
-    let deviation = view.deviation.iter().map(|bin| {
-        let um = bin.map(|bin| [bin.low_um, bin.mean_um, bin.high_um]);
-        um.map(|um| um.map(|um| rounded(um, 2)))
-    });
-    json!({
-        "plane": shape.plane,
-        "line": shape.line,
-        "radius_mm": rounded(shape.radius_mm, 4),
-        "feed_mm_min": round(shape.feed_mm_s.map(|mm_s| mm_s * 60.0), 1),
-        "running": view.running,
-        "angle_rad": round(view.angle_rad, 4),
-        "deviation_um": deviation.collect::<Vec<_>>(),
-    })
 }
 
 fn reversals(model: &Model) -> Vec<Value> {

@@ -9,8 +9,9 @@ use path::geometry::{AxisVector, Element, Feed, Path, Shape};
 use serde::Serialize;
 use serde_json::json;
 
-use crate::live::json::{rounded, thousandth_of};
+use crate::live::json::thousandth_of;
 use crate::live::model::Model;
+use crate::live::state::rounded;
 use crate::live::trail::TrailPoint;
 
 /// Points of the trail that are kept.

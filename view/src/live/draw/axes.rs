@@ -1,16 +1,17 @@
 //! One row per axis.
 
 use bus::sample::Reference;
-use bus::service::ROLES;
 use ratatui::Frame;
 use ratatui::layout::Rect;
 use ratatui::style::Style;
 use ratatui::text::{Line, Span};
 use ratatui::widgets::Paragraph;
+use remote::state::AxisState;
 
 use super::screen::Screen;
-use crate::live::axis::AxisView;
+use crate::live::axis::{ABSOLUTE, AxisView};
 use crate::live::palette::Palette;
+use crate::live::text::error_unit;
 
 /// Characters of a row beside the bars.
 const FIXED: u16 = 76;
@@ -24,8 +25,8 @@ const NEAR_LIMIT: f64 = 0.5;
 /// Draws them, with a line of headings.
 pub fn draw(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
     let palette = screen.palette;
-    let axes = || screen.model.axes.iter();
-    let mark = axes().any(|axis| axis.reference() != Reference::Known);
+    let axes = &screen.model.shown.state.axes;
+    let mark = axes.iter().any(|axis| !not_homed(axis).is_empty());
     let fixed = FIXED + if mark { MARK } else { 0 };
     let bars = usize::from(area.width.saturating_sub(fixed).clamp(4, 60));
     let heading = format!(
@@ -33,7 +34,7 @@ pub fn draw(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
         "axis",
         "command",
         "feedback",
-        error_heading(axes()),
+        error_heading(axes),
         "peak",
         "history",
         "torque",
@@ -43,13 +44,14 @@ pub fn draw(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
         "by"
     );
     let mut lines = vec![Line::styled(heading, palette.title())];
-    lines.extend(axes().map(|axis| row(axis, bars, palette)));
+    let views = axes.iter().zip(&screen.model.axes);
+    lines.extend(views.map(|(axis, view)| row(axis, view, bars, palette)));
     frame.render_widget(Paragraph::new(lines), area);
 }
 
 /// What errors are in: µm, or where some are those of rotary axes, thousandths of the unit of the row.
-pub fn error_heading<'a>(mut axes: impl Iterator<Item = &'a AxisView>) -> &'static str {
-    if axes.any(|axis| axis.error_unit != "µm") {
+pub fn error_heading(axes: &[AxisState]) -> &'static str {
+    if axes.iter().any(|axis| error_unit(axis) != "µm") {
         "µm, mdeg"
     } else {
         "error µm"
@@ -57,50 +59,44 @@ pub fn error_heading<'a>(mut axes: impl Iterator<Item = &'a AxisView>) -> &'stat
 }
 
 /// A mark at an axis that is not homed.
-fn not_homed(axis: &AxisView) -> &'static str {
-    match axis.reference() {
-        Reference::Known => "",
-        Reference::Missing => " ⌂?",
-        Reference::Searching => " ⌂…",
+fn not_homed(axis: &AxisState) -> &'static str {
+    let is = |reference: Reference| axis.reference == reference.words();
+    match axis.reference == ABSOLUTE || is(Reference::Known) {
+        true => "",
+        false if is(Reference::Searching) => " ⌂…",
+        false => " ⌂?",
     }
 }
 
-fn row(axis: &AxisView, bars: usize, palette: Palette) -> Line<'static> {
+fn row(axis: &AxisState, view: &AxisView, bars: usize, palette: Palette) -> Line<'static> {
     let warn_if = |wrong: bool, otherwise: Style| if wrong { palette.warn() } else { otherwise };
-    let near = |error_um: f64| error_um.abs() > NEAR_LIMIT * axis.error_limit_um;
-    let error = axis.now.error_um.map_or("-".into(), |um| number(um, true));
-    let error_style = warn_if(axis.now.error_um.is_some_and(near), palette.good());
-    let limited = if axis.now.torque_limited { "!" } else { " " };
-    let torque = format!("{:>5.0}%{limited}", axis.torque_share() * 100.0);
-    let torque_style = warn_if(axis.now.torque_limited, Style::new());
-    let missing = axis.now.missed_in_a_row > 0;
-    let missed = format!(
-        "{}{}",
-        if missing { "▲" } else { "" },
-        axis.now.missed_scans
-    );
+    let near = |error_um: f64| error_um.abs() > NEAR_LIMIT * view.error_limit_um;
+    let error_um = axis.following_error_um;
+    let error = error_um.map_or("-".into(), |um| number(um, true));
+    let error_style = warn_if(error_um.is_some_and(near), palette.good());
+    let limited = if axis.torque_limited { "!" } else { " " };
+    let torque = format!("{:>5.0}%{limited}", axis.torque_percent);
+    let torque_style = warn_if(axis.torque_limited, Style::new());
+    let missing = axis.missed_in_a_row > 0;
+    let missed = format!("{}{}", if missing { "▲" } else { "" }, axis.missed_scans);
     let missed_style = warn_if(missing, Style::new());
     Line::from(vec![
-        Span::styled(format!(" {:<2}", axis.name), palette.title()),
+        Span::styled(format!(" {:<2}", axis.axis), palette.title()),
         Span::styled(format!("{:<3}", axis.unit), palette.quiet()),
         Span::raw(format!(
             "{:>11.4}{:>11.4}",
-            axis.now.command_mm, axis.now.feedback_mm
+            axis.command_mm, axis.feedback_mm
         )),
         Span::styled(format!("{error:>9}"), error_style),
-        Span::raw(format!("{:>8} ", number(axis.now.error_peak_um, false))),
-        Span::styled(format!("{:<bars$}", history(axis, bars)), palette.good()),
+        Span::raw(format!(
+            "{:>8} ",
+            number(axis.following_error_peak_um, false)
+        )),
+        Span::styled(format!("{:<bars$}", history(view, bars)), palette.good()),
         Span::styled(torque, torque_style),
-        Span::raw(format!(
-            "{:>7.1}{:>7}",
-            axis.now.winding_k,
-            axis.friction_words()
-        )),
+        Span::raw(format!("{:>7.1}{:>7}", axis.winding_k, axis.friction)),
         Span::styled(format!("{missed:>6}"), missed_style),
-        Span::raw(format!(
-            " {}",
-            ROLES.get(axis.now.role as usize).copied().unwrap_or("?")
-        )),
+        Span::raw(format!(" {}", axis.servo)),
         Span::styled(not_homed(axis), palette.warn()),
     ])
 }

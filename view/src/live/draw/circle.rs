@@ -1,16 +1,17 @@
 //! The circle as on a ball-bar: radial deviation of the table, exaggerated.
 
 use bus::sample::ProgramState;
-use monitor::words::shown;
+use monitor::words::shown as number;
 use ratatui::Frame;
 use ratatui::layout::Rect;
 use ratatui::symbols::Marker;
 use ratatui::text::Line;
 use ratatui::widgets::Paragraph;
 use ratatui::widgets::canvas::{Canvas, Context, Line as CanvasLine, Points};
+use remote::state::CircleState;
 
 use super::screen::{Screen, panel};
-use crate::live::circle::{BINS, CircleView};
+use crate::live::circle::BINS;
 use crate::live::palette::Palette;
 
 /// The deviation that is drawn as [`SWING`] of the radius is one of these times a power of ten, in µm.
@@ -23,12 +24,13 @@ type Stroke = ((f64, f64), (f64, f64));
 
 /// Draws it.
 pub fn draw(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
-    let (view, palette) = (&screen.model.circle, screen.palette);
-    let Some(circle) = &view.circle else {
+    let (shown, palette) = (&screen.model.shown, screen.palette);
+    let Some(circle) = &shown.circle else {
         let inside = panel(frame, area, "circle", palette);
-        let words = if screen.model.program_state() == Some(ProgramState::None) {
+        let program = &shown.state.program;
+        let words = if program.state.as_deref() == Some(ProgramState::None.word()) {
             " no program: no circle"
-        } else if screen.model.program_name().is_none() {
+        } else if program.name.is_none() {
             " the program is not known: no circle"
         } else {
             " no arc so far: the plot begins with one"
@@ -36,18 +38,17 @@ pub fn draw(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
         frame.render_widget(Paragraph::new(Line::styled(words, palette.quiet())), inside);
         return;
     };
-    let feed = circle.feed_mm_s.map_or("rapid".into(), |feed_mm_s| {
-        format!("F{:.0}", feed_mm_s * 60.0)
-    });
-    let when = if view.running { "" } else { " (last)" };
+    let feed = circle.feed_mm_min;
+    let feed = feed.map_or("rapid".into(), |feed| format!("F{feed:.0}"));
+    let when = if circle.running { "" } else { " (last)" };
     let title = format!(
         "circle {} R{} {feed}, line {}{when}",
         circle.plane,
-        shown(circle.radius_mm, 3),
+        number(circle.radius_mm, 3),
         circle.line
     );
     let inside = panel(frame, area, &title, palette);
-    let Some((low_um, high_um)) = view.range_um().filter(|_| inside.height >= 3) else {
+    let Some((low_um, high_um)) = circle.range_um().filter(|_| inside.height >= 3) else {
         let words = " settling …";
         frame.render_widget(Paragraph::new(Line::styled(words, palette.quiet())), inside);
         return;
@@ -64,12 +65,12 @@ pub fn draw(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
         height: inside.height - 1,
         ..inside
     };
-    frame.render_widget(plotted(view, scale_um, plot, palette), plot);
+    frame.render_widget(plotted(circle, scale_um, plot, palette), plot);
 }
 
 /// The programmed circle, the deviation from it and where the tool is.
 fn plotted(
-    view: &CircleView,
+    view: &CircleState,
     scale_um: f64,
     plot: Rect,
     palette: Palette,
@@ -107,15 +108,15 @@ fn plotted(
 }
 
 /// Dots of the programmed circle; and the deviation as strokes from angle to angle, a dot where the neighbour is unknown.
-fn points(view: &CircleView, scale_um: f64) -> (Vec<(f64, f64)>, Vec<Stroke>) {
+fn points(view: &CircleState, scale_um: f64) -> (Vec<(f64, f64)>, Vec<Stroke>) {
     let at = |bin: usize, radius: f64| {
         let angle = (bin as f64 + 0.5) / BINS as f64 * std::f64::consts::TAU;
         (radius * libm::cos(angle), radius * libm::sin(angle))
     };
     let nominal = (0..BINS).step_by(6).map(|bin| at(bin, 1.0)).collect();
     let curve = |bin: usize| {
-        let seen = view.deviation.get(bin).copied().flatten()?;
-        Some(at(bin, 1.0 + seen.mean_um / scale_um * SWING))
+        let [_, mean_um, _] = view.deviation_um.get(bin).copied().flatten()?;
+        Some(at(bin, 1.0 + mean_um / scale_um * SWING))
     };
     let strokes = (0..BINS).filter_map(|bin| {
         let here = curve(bin)?;

@@ -4,7 +4,7 @@ use ratatui::Frame;
 use ratatui::layout::Rect;
 use ratatui::text::{Line, Span};
 use ratatui::widgets::Paragraph;
-use remote::wire::ProcessState;
+use remote::state::ProcessState;
 
 use super::axes::error_heading;
 use super::screen::{Screen, panel};
@@ -27,7 +27,7 @@ pub fn reversals(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
         "axis",
         "at s",
         "height µm",
-        error_heading(model.axes.iter())
+        error_heading(&model.shown.state.axes)
     );
     let mut lines = vec![Line::styled(heading, palette.quiet())];
     let rows = usize::from(inside.height.saturating_sub(1));
@@ -54,8 +54,8 @@ pub fn reversals(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
 /// The processes; if there is not room for all, those that need a look first.
 pub fn processes(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
     let palette = screen.palette;
-    let ended = screen.model.ended;
-    let mut processes = screen.model.processes();
+    let state = &screen.model.shown.state;
+    let mut processes: Vec<&ProcessState> = state.processes.iter().collect();
     let inside = panel(frame, area, "processes", palette);
     let heading = format!(
         " {:<10}{:>8}{:>7}{:>6} {}",
@@ -82,9 +82,16 @@ pub fn processes(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
         Line::from(vec![
             Span::raw(format!(
                 " {:<10}{pid:>8}{:>7}{age:>6} ",
-                process.name, process.starts
+                process.process, process.starts
             )),
-            Span::styled(if ended { "ended" } else { short_state(process) }, style),
+            Span::styled(
+                if state.ended {
+                    "ended"
+                } else {
+                    short_state(process)
+                },
+                style,
+            ),
         ])
     }));
     if hidden > 0 {
@@ -113,8 +120,8 @@ fn short_state(process: &ProcessState) -> &str {
 pub fn timing(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
     let (model, palette) = (screen.model, screen.palette);
     let inside = panel(frame, area, "scan period seen from here", palette);
-    let Some(summary) = model.timing.summary() else {
-        let words = match model.pace.map(|pace| pace.word()) {
+    let Some(timing) = &model.shown.timing else {
+        let words = match model.shown.state.pace.as_deref() {
             Some("lockstep") => " lockstep: scans follow at once",
             _ => " nothing measured yet",
         };
@@ -123,10 +130,10 @@ pub fn timing(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
     };
     let mut lines = vec![Line::raw(format!(
         " p50 {:.0}  p99 {:.0}  max {:.0} µs",
-        summary.p50_us, summary.p99_us, summary.max_us
+        timing.p50_us, timing.p99_us, timing.max_us
     ))];
-    let total = summary.count.max(1) as f64;
-    let bars = &model.timing.bars;
+    let total = timing.periods.max(1) as f64;
+    let bars = &timing.bars;
     let room = f64::from(inside.width.saturating_sub(22).max(1));
     if inside.height as usize > bars.len() {
         for (index, count) in bars.iter().enumerate() {
@@ -147,7 +154,7 @@ pub fn timing(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
             " within 20 µs {:.0} %, 100 µs {:.0} %  (n {})",
             within(bars.get(..3).unwrap_or_default()),
             within(bars.get(..5).unwrap_or_default()),
-            summary.count
+            timing.periods
         )));
     }
     frame.render_widget(Paragraph::new(lines), inside);

@@ -1,39 +1,40 @@
 //! The readout: where the axes are in the program and on the machine, large; feed, speed, codes, block, time left.
 
-use bus::sample::ProgramState;
+use bus::sample::ProgramState as Progress;
 use monitor::words::shown;
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Layout, Rect};
 use ratatui::text::{Line, Span};
 use ratatui::widgets::Paragraph;
+use remote::state::{CellState, Readout};
 
 use super::screen::{Screen, panel};
-use crate::live::dro::{self, Dro};
 use crate::live::palette::Palette;
+use crate::live::text::{feeds, skew_words};
 
 /// What stands where nothing is known.
 const UNKNOWN: &str = "–";
 
 /// Draws it.
 pub fn draw(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
-    let dro = dro::of(screen.model);
     let axes = screen.model.axes.len() as u16;
     // A row between the axes where there is room for it.
     let spaced = area.height >= 2 * axes + 13;
     let rows = if spaced { 2 * axes + 2 } else { axes + 2 };
     let parts = Layout::vertical([Constraint::Length(rows), Constraint::Min(1)]);
     let [above, below] = parts.areas(area);
-    positions(frame, above, screen, &dro, spaced);
-    state(frame, below, screen, &dro);
+    positions(frame, above, screen, spaced);
+    program(frame, below, screen);
 }
 
 fn number(value: Option<f64>) -> String {
     value.map_or(UNKNOWN.into(), |value| format!("{value:+.4}"))
 }
 
-fn positions(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>, dro: &Dro, spaced: bool) {
+fn positions(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>, spaced: bool) {
+    let (machine, state) = (&screen.model.machine, &screen.model.shown.state);
     let palette = screen.palette;
-    let title = match dro.work_offset {
+    let title = match &state.readout.work_offset {
         Some(offset) => format!("readout, work offset {offset}"),
         None => "readout".into(),
     };
@@ -43,27 +44,26 @@ fn positions(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>, dro: &Dro, 
         "axis", "work", "machine", "distance to go"
     );
     let mut lines = vec![Line::styled(heading, palette.title())];
-    let named = screen.model.machine.program_axes().len();
-    for (index, axis) in screen.model.axes.iter().enumerate().take(named) {
-        let of = |values: &[Option<f64>]| number(values.get(index).copied().flatten());
+    for axis in state.axes.iter().take(machine.program_axes().len()) {
         if spaced {
             lines.push(Line::raw(""));
         }
         lines.push(Line::from(vec![
-            Span::styled(format!("  {:<2}", axis.name), palette.title()),
+            Span::styled(format!("  {:<2}", axis.axis), palette.title()),
             Span::styled(format!("{:<4}", axis.unit), palette.quiet()),
-            Span::styled(format!("{:>18}", of(&dro.work)), palette.good()),
-            Span::raw(format!("{:>18}", number(Some(axis.now.command_mm)))),
-            Span::raw(format!("{:>18}", of(&dro.distance_to_go))),
+            Span::styled(format!("{:>18}", number(axis.work_mm)), palette.good()),
+            Span::raw(format!("{:>18}", number(Some(axis.machine_mm)))),
+            Span::raw(format!("{:>18}", number(axis.distance_to_go_mm))),
         ]));
     }
-    let skews = screen.model.skew_words();
+    let skews = skew_words(state, machine).into_iter();
     lines.extend(skews.map(|words| Line::raw(format!("  {words}"))));
     frame.render_widget(Paragraph::new(lines), inside);
 }
 
-fn state(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>, dro: &Dro) {
-    let (model, palette) = (screen.model, screen.palette);
+fn program(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
+    let (state, palette) = (&screen.model.shown.state, screen.palette);
+    let readout = &state.readout;
     let inside = panel(frame, area, "program", palette);
     let line = |name: &str, words: String, palette: Palette| {
         Line::from(vec![
@@ -72,10 +72,11 @@ fn state(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>, dro: &Dro) {
         ])
     };
     let mut lines = vec![
-        line("feed", feed_words(dro), palette),
-        line("spindle", spindle_words(screen, dro), palette),
+        line("feed", feed_words(readout), palette),
+        line("spindle", spindle_words(state), palette),
     ];
-    let (first, second) = dro.active_codes.split_at(dro.active_codes.len().min(12));
+    let codes = &readout.active_codes;
+    let (first, second) = codes.split_at(codes.len().min(12));
     lines.push(line(
         "codes",
         if first.is_empty() {
@@ -88,42 +89,44 @@ fn state(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>, dro: &Dro) {
     if !second.is_empty() {
         lines.push(line("", second.join(" "), palette));
     }
-    let block = match model.block() {
-        Some((number, text)) => format!("line {number}: {text}"),
+    let text = readout.block_text.as_deref().unwrap_or_default();
+    let block = match readout.block_line {
+        Some(number) => format!("line {number}: {text}"),
         None => UNKNOWN.into(),
     };
     lines.push(line("block", block, palette));
-    let left = match (model.program_state(), dro.time_left_s) {
-        (Some(ProgramState::Running), Some(left_s)) => format!(
+    let runs = state.program.state.as_deref() == Some(Progress::Running.word());
+    let left = match readout.time_left_s.filter(|_| runs) {
+        Some(left_s) => format!(
             "about {} (estimate, without braking and stops)",
             time(left_s)
         ),
-        _ => UNKNOWN.into(),
+        None => UNKNOWN.into(),
     };
     lines.push(line("time left", left, palette));
     frame.render_widget(Paragraph::new(lines), inside);
 }
 
-fn feed_words(dro: &Dro) -> String {
-    let actual = dro
-        .feed_mm_min
-        .map_or(UNKNOWN.into(), |feed| format!("{feed:.0}"));
-    let programmed = match (dro.rapid, dro.programmed_feed_mm_min) {
+fn feed_words(readout: &Readout) -> String {
+    let (feed, programmed, unit) = feeds(readout);
+    let actual = feed.map_or(UNKNOWN.into(), |feed| format!("{feed:.0}"));
+    let programmed = match (readout.rapid, programmed) {
         (Some(true), _) => "rapid".into(),
         (_, Some(feed)) => format!("{feed:.0}"),
         _ => UNKNOWN.into(),
     };
-    format!("{actual} {}, programmed {programmed}", dro.feed_unit())
+    format!("{actual} {unit}, programmed {programmed}")
 }
 
-fn spindle_words(screen: &Screen<'_>, dro: &Dro) -> String {
-    let feedback = screen.model.feedback.as_ref();
-    let tool = feedback.map_or(0, |feedback| feedback.auxiliary.tool);
-    let actual = feedback.map_or(0.0, |feedback| feedback.auxiliary.spindle_rpm);
-    let speed = dro
+fn spindle_words(state: &CellState) -> String {
+    let readout = &state.readout;
+    let tool = readout.tool.unwrap_or(0);
+    let actual = readout.spindle_rpm.unwrap_or(0.0);
+    let speed = readout
         .speed_word
         .map_or(UNKNOWN.into(), |speed| format!("{speed:.0}"));
-    let feed = dro.feed_word.map_or(UNKNOWN.into(), |feed| shown(feed, 4));
+    let feed = readout.feed_word;
+    let feed = feed.map_or(UNKNOWN.into(), |feed| shown(feed, 4));
     format!("{actual:.0} 1/min, S {speed}   F {feed}   T {tool}")
 }
 

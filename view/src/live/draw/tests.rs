@@ -3,7 +3,7 @@ use ratatui::backend::TestBackend;
 
 use super::*;
 use crate::live::model::Model;
-use crate::live::test_support::{machine, running};
+use crate::live::test_support::{look, machine, running};
 use crate::live::words::Tone;
 use bus::member::Pace;
 use bus::sample::{
@@ -19,6 +19,11 @@ fn shown(screen: &Screen<'_>, width: u16, height: u16) -> Vec<String> {
     let rows = buffer.content().chunks(width as usize);
     rows.map(|row| row.iter().map(|cell| cell.symbol()).collect())
         .collect()
+}
+
+fn plain(model: &mut Model) -> Screen<'_> {
+    look(model);
+    Screen::plain(model)
 }
 
 /// A cell in motion, all kinds of numbers at their longest.
@@ -75,9 +80,9 @@ fn model() -> Model {
 
 #[test]
 fn the_screen_has_everything_at_80_by_24_and_at_160_by_50() {
-    let model = model();
+    let mut model = model();
     for (width, height) in [(80, 24), (160, 50)] {
-        let lines = shown(&Screen::plain(&model), width, height);
+        let lines = shown(&plain(&mut model), width, height);
         let all = lines.join("\n");
         for part in [
             "▶ RUNS",
@@ -116,7 +121,7 @@ fn a_trip_is_reported_with_axis_and_cause_and_what_to_do() {
     feedback.cause_axis = 1;
     feedback.cause_scan = 100_015;
     model.feedback(&feedback);
-    let all = shown(&Screen::plain(&model), 80, 24).join("\n");
+    let all = shown(&plain(&mut model), 80, 24).join("\n");
     assert!(all.contains("✖ TRIPPED"), "{all}");
     assert!(
         all.contains("axis Y: following error beyond its limit, in scan 100015"),
@@ -128,8 +133,8 @@ fn a_trip_is_reported_with_axis_and_cause_and_what_to_do() {
 
 #[test]
 fn help_question_and_answer_lie_over_the_screen() {
-    let model = model();
-    let mut screen = Screen::plain(&model);
+    let mut model = model();
+    let mut screen = plain(&mut model);
     screen.prompt = Prompt::ConfirmStop;
     assert!(shown(&screen, 80, 24)[23].contains("stop?"));
     screen.prompt = Prompt::Answer(Tone::Bad, "hold refused: the machine has tripped".into());
@@ -153,7 +158,7 @@ fn with_room_for_three_columns_no_list_is_cut() {
     };
     model.roster(&roster);
     for width in [120, 132, 160] {
-        let all = shown(&Screen::plain(&model), width, 36).join("\n");
+        let all = shown(&plain(&mut model), width, 36).join("\n");
         for part in ["height µm  error µm", "starts   age state", " machine"] {
             assert!(all.contains(part), "no {part:?} at {width}:\n{all}");
         }
@@ -183,49 +188,26 @@ fn any_size_and_a_model_of_nothing_are_drawn_without_a_panic() {
 }
 
 #[test]
-fn a_view_from_another_machine_says_how_old_it_is_that_it_is_read_only_and_when_the_link_is_lost() {
-    use crate::live::model::LinkView;
+fn a_view_from_another_machine_says_how_old_it_is_and_that_it_is_read_only() {
+    use remote::state::LinkState;
     let mut model = model();
-    let mut link = LinkView {
-        to: "tcp/192.168.0.7:7447".into(),
-        age_s: Some((0.012, 0.0731)),
-        ..LinkView::default()
-    };
-    model.link = Some(link.clone());
+    look(&mut model);
+    let state = &mut model.shown.state;
+    state.remote = Some(LinkState {
+        data_age_s_max: Some(0.0731),
+        ..LinkState::default()
+    });
     for (width, height) in [(80, 24), (160, 50)] {
         let lines = shown(&Screen::plain(&model), width, height);
-        assert!(
-            lines[2].trim_end().ends_with("data ≤ 73 ms old"),
-            "{}",
-            lines[2]
-        );
-        assert!(
-            lines[2].contains("on the controller PC: `quadrant hold`"),
-            "{}",
-            lines[2]
-        );
-        let bottom = lines.last().expect("a line");
+        let [third, .., bottom] = &lines[2..] else {
+            panic!("{lines:?}");
+        };
+        assert!(third.trim_end().ends_with("data ≤ 73 ms old"), "{third}");
         assert!(
             bottom.contains("read only") && !bottom.contains("s stop"),
             "{bottom}"
         );
     }
-    link.lost = true;
-    link.silent_s = 3.2;
-    link.age_s = Some((3.2, 3.27));
-    model.link = Some(link);
-    let lines = shown(&Screen::plain(&model), 80, 24);
-    assert!(
-        lines[0].contains("NO LINK  link lost for 3.2 s"),
-        "{}",
-        lines[0]
-    );
-    assert!(
-        lines[2].trim_end().ends_with("data ≤ 3.3 s old"),
-        "{}",
-        lines[2]
-    );
-    assert!(lines[2].contains("comes back by itself"), "{}", lines[2]);
 }
 
 /// Numbers in a text that have more than four decimals.
@@ -239,8 +221,12 @@ fn overlong(text: &str) -> Vec<&str> {
 }
 
 /// All that is said of a cell in words: by `status`, on the screen and its readout, in its events, and on the page.
-fn read_by_people(model: &Model) -> Vec<String> {
-    let mut texts = vec![crate::live::text::status(model)];
+fn read_by_people(model: &mut Model) -> Vec<String> {
+    look(model);
+    let mut texts = vec![crate::live::text::status(
+        &model.shown.state,
+        &model.machine,
+    )];
     for (width, height) in [(80, 24), (160, 50)] {
         for readout in [false, true] {
             let mut screen = Screen::plain(model);
@@ -249,7 +235,9 @@ fn read_by_people(model: &Model) -> Vec<String> {
         }
     }
     texts.extend(model.events.last.iter().map(|event| event.text.clone()));
-    let mut values = vec![serde_json::json!(crate::live::json::state(model))];
+    let mut values = vec![serde_json::json!(crate::live::json::state(
+        &model.shown.state
+    ))];
     while let Some(value) = values.pop() {
         match value {
             serde_json::Value::String(text) => texts.push(text),
@@ -306,7 +294,7 @@ fn no_number_that_is_shown_has_more_than_four_decimals() {
             axis.winding_k = next();
         }
         model.feedback(&feedback);
-        for text in read_by_people(&model) {
+        for text in read_by_people(&mut model) {
             assert_eq!(overlong(&text), [] as [&str; 0], "{text}");
         }
     }

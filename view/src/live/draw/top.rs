@@ -6,13 +6,12 @@ use ratatui::text::{Line, Span};
 use ratatui::widgets::Paragraph;
 
 use super::screen::Screen;
-use crate::live::fieldbus::BusView;
-use crate::live::text::progress;
+use crate::live::text::{age_words, progress, switched_words};
 
 /// Draws them.
 pub fn draw(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
-    let (model, palette) = (screen.model, screen.palette);
-    let says = model.says();
+    let (state, palette) = (&screen.model.shown.state, screen.palette);
+    let says = &state.says;
     let mut first = vec![
         Span::styled(
             format!(" {} {} ", says.symbol, says.state),
@@ -20,47 +19,52 @@ pub fn draw(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
         ),
         Span::styled(format!(" {}", says.detail), palette.of(says.tone)),
     ];
-    let mut right = format!("{} ", model.cell);
-    if let Some(feedback) = &model.feedback {
-        let time_s = feedback.scan as f64 * model.machine.scan_period_s();
-        let pace = model.pace.map_or("", |pace| pace.word());
-        right = format!("{} {pace} {time_s:.1} s ", model.cell);
-        let percent = feedback.override_percent;
-        if percent != 100 {
-            first.push(Span::styled(
-                format!("  override {percent} %"),
-                palette.warn(),
-            ));
-        }
-        if let Some(words) = report::auxiliary::panel(&feedback.inputs) {
-            first.push(Span::styled(format!("  {words}"), palette.warn()));
-        }
-        if let Some(words) = report::auxiliary::summary(&feedback.auxiliary) {
-            first.push(Span::styled(format!("  {words}"), palette.quiet()));
-        }
-        if let Some(words) = model.bus.as_ref().and_then(BusView::alarm) {
-            first.push(Span::styled(format!("  ▲ {words}"), palette.warn()));
-        }
-        if feedback.overrun_scans > 0 {
-            let overrun = format!("  ▲ {} scans overrun", feedback.overrun_scans);
-            first.push(Span::styled(overrun, palette.warn()));
-        }
+    let warnings = [
+        state
+            .override_percent
+            .filter(|percent| *percent != 100)
+            .map(|percent| format!("override {percent} %")),
+        switched_words(state),
+    ];
+    first.extend(
+        warnings
+            .into_iter()
+            .flatten()
+            .map(|words| Span::styled(format!("  {words}"), palette.warn())),
+    );
+    let auxiliary = state.auxiliary.as_ref().and_then(|of| of.summary.as_ref());
+    first.extend(auxiliary.map(|words| Span::styled(format!("  {words}"), palette.quiet())));
+    let overrun = state.overrun_scans.filter(|scans| *scans > 0);
+    let alarms = [
+        state.bus.as_ref().and_then(|bus| bus.alarm.clone()),
+        overrun.map(|scans| format!("{scans} scans overrun")),
+    ];
+    first.extend(
+        alarms
+            .into_iter()
+            .flatten()
+            .map(|words| Span::styled(format!("  ▲ {words}"), palette.warn())),
+    );
+    let mut right = format!("{} ", state.cell);
+    if let Some(time_s) = state.time_s {
+        let pace = state.pace.as_deref().unwrap_or_default();
+        right = format!("{} {pace} {time_s:.1} s ", state.cell);
     }
     let corner_width = right.chars().count() as u16;
-    let second = match progress(model) {
-        Some(words) => bar_line(model.share_done(), &words, area.width, corner_width),
+    let second = match progress(&state.program) {
+        Some(words) => bar_line(state.program.percent, &words, area.width, corner_width),
         None => " program: nothing heard of it yet".into(),
     };
     let third = Line::from(vec![
         Span::styled(" next: ", palette.quiet()),
-        Span::raw(says.next),
+        Span::raw(&state.next),
     ]);
     let lines = vec![Line::from(first), Line::raw(second), third];
     frame.render_widget(Paragraph::new(lines), area);
     corner(frame, area, 1, Line::styled(right, palette.quiet()));
-    if let Some(link) = &model.link {
-        let words = format!(" {} ", link.age_words());
-        let old = link.age_s.is_none_or(|(_, max_s)| max_s > 1.0);
+    if let Some(link) = &state.remote {
+        let words = format!(" {} ", age_words(link));
+        let old = link.data_age_s_max.is_none_or(|max_s| max_s > 1.0);
         let style = if old { palette.warn() } else { palette.quiet() };
         corner(frame, area, 2, Line::styled(words, style));
     }
@@ -80,9 +84,9 @@ fn corner(frame: &mut Frame<'_>, area: Rect, row: u16, words: Line<'_>) {
 }
 
 /// How far the program is, as a bar and in words, with `kept` columns left free at the end.
-fn bar_line(share: Option<f64>, words: &str, width: u16, kept: u16) -> String {
+fn bar_line(percent: Option<f64>, words: &str, width: u16, kept: u16) -> String {
     let cells = (usize::from(width) / 8).max(4);
-    let filled = (share.unwrap_or(0.0) * cells as f64).round() as usize;
+    let filled = (percent.unwrap_or(0.0) / 100.0 * cells as f64).round() as usize;
     let bar: String = (0..cells)
         .map(|cell| if cell < filled { '█' } else { '░' })
         .collect();

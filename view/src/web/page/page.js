@@ -27,12 +27,13 @@ const time = scan => (state.machine ? (scan * state.machine.period_us) / 1e6 : 0
 // --- header
 
 function header(frame) {
-  const { says, status } = frame;
+  const { status } = frame;
+  const { says } = status;
   $("state").dataset.tone = says.tone;
   put($("symbol"), says.symbol);
   put($("state-word"), says.state);
   put($("detail"), says.detail);
-  put($("next"), says.next.replace(/`(?:quadrant )?([^`]*)`/g, "$1"));
+  put($("next"), status.next.replace(/`(?:quadrant )?([^`]*)`/g, "$1"));
   put($("cell"), status.cell);
   const title = `${says.symbol} ${says.state} · ${status.cell}`;
   if (document.title !== title) document.title = title;
