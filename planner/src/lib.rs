@@ -29,6 +29,7 @@ mod program_text;
 pub mod questions;
 mod return_to_path;
 mod run;
+mod situation;
 mod survey;
 #[cfg(test)]
 mod test_spindle;

@@ -2,7 +2,7 @@
 
 use bus::messages::ProgramMessage;
 use bus::sample::{
-    Cause, Feedback, MAX_AXES, Mode, PathTag, PlannerStatus, ProgramState, Reference, Setpoint,
+    Cause, Feedback, MAX_AXES, PathTag, PlannerStatus, ProgramState, Reference, Setpoint,
     WindowHeader, WindowId,
 };
 use bus::user_codes::UserCall;
@@ -24,8 +24,7 @@ use crate::place::{PLACE_ELEMENTS, Place};
 use crate::program_text::ProgramText;
 use crate::questions::{KeptAnswer, hash_of};
 use crate::return_to_path::ReturnToPath;
-
-use start_at_line::seeks_line;
+use crate::situation::Situation;
 
 mod blocks;
 mod start_at_line;
@@ -259,7 +258,7 @@ impl Planner {
     /// Command positions to read a program from. Where an axis without a reference is, nobody knows: somewhere within its travel. Once
     /// it is homed, the program is read again from there.
     fn presumed_start(&self, feedback: &Feedback) -> [i64; MAX_AXES] {
-        let mut start = command_positions(feedback);
+        let mut start = Situation::of(feedback).positions;
         let shown = feedback.axes().iter().zip(&self.machine.axes);
         for (place, (shown, axis)) in start.iter_mut().zip(shown) {
             if shown.reference != Reference::Known as u32 {
@@ -342,10 +341,10 @@ impl Planner {
 
     /// The element up to which the program has come, if a place before it that was kept would save this planner from reading it all.
     pub fn wants_place(&self, feedback: &Feedback) -> Option<u32> {
-        let element = feedback.interrupted_at.element;
         let is_new = self.course.is_none() && self.place.is_none() && self.program.is_some();
-        let is_far = !feedback.interrupted_at.is_off_path() && element > PLACE_ELEMENTS;
-        (is_new && is_far && self.cause == Cause::None).then_some(element)
+        let left_at = Situation::of(feedback).left_at?;
+        let is_far = left_at.element > PLACE_ELEMENTS;
+        (is_new && is_far && self.cause == Cause::None).then_some(left_at.element)
     }
 
     /// A place that was kept, to read on from. One behind answers is one of this run alone.
@@ -436,8 +435,9 @@ impl Planner {
 
     /// What the next window is to do.
     fn request(&self, from: &From, feedback: &Feedback) -> WindowRequest {
+        let situation = Situation::of(feedback);
         let rapid_override = f64::from(feedback.inputs.rapid_override_percent()) / 100.0;
-        let feed_override = f64::from(override_percent(feedback)) / 100.0;
+        let feed_override = f64::from(situation.override_percent) / 100.0;
         WindowRequest {
             intended_setpoints: self.machine.intended_setpoints(),
             // A planned return is one of the rapids.
@@ -446,7 +446,7 @@ impl Planner {
                 false => feed_override,
             },
             rapid_override,
-            hold: feedback.hold == 1 || feedback.auxiliary.blocked == 1,
+            hold: situation.hold || situation.blocked,
             single_block: feedback.inputs.single_block() && !from.returns,
             repeats_start: from.starts,
             ..WindowRequest::default()
@@ -528,23 +528,23 @@ impl Planner {
 
     /// Whether a window is due: the machine is enabled and blocked by nothing, and no window waits to be taken.
     fn may_plan(&self, feedback: &Feedback) -> bool {
-        Mode::from_wire(feedback.mode) == Some(Mode::Enabled)
-            && self.cause == Cause::None
-            && self.program.is_some()
-            && self.pending.is_none()
-            && !is_blocked(feedback)
-            && seeks_line(feedback).is_none()
-            && is_referenced(feedback)
+        let situation = Situation::of(feedback);
+        let may_read = situation.enabled && situation.referenced && situation.seeks_line.is_none();
+        // The master wants no motion: what moves comes to rest first.
+        let waits = situation.blocked && situation.rests;
+        may_read && !waits && self.can_go_on() && self.pending.is_none()
     }
 
     /// Whether the master wants no motion before this planner has told what it knows.
     fn is_waited_for(&self, feedback: &Feedback) -> bool {
-        feedback.auxiliary.blocked == 1
-            && feedback.answer.number > 0
-            && Mode::from_wire(feedback.mode) == Some(Mode::Enabled)
-            && !feedback.interrupted_at.is_off_path()
-            && self.cause == Cause::None
-            && self.program.is_some()
+        let situation = Situation::of(feedback);
+        let asked = situation.blocked && feedback.answer.number > 0;
+        asked && situation.enabled && situation.left_at.is_some() && self.can_go_on()
+    }
+
+    /// Whether there is a program, and nothing that speaks against it.
+    fn can_go_on(&self) -> bool {
+        self.cause == Cause::None && self.program.is_some()
     }
 
     /// Learns from the feedback what became of the window that was published last.
@@ -567,8 +567,9 @@ impl Planner {
     /// A program that was never started starts where the machine is. One that was goes on where its path was left,
     /// whoever planned it.
     fn start(&mut self, feedback: &Feedback) -> Option<From> {
-        if feedback.interrupted_at.is_off_path() {
-            self.expanded_from(command_positions(feedback), feedback)?;
+        let situation = Situation::of(feedback);
+        if situation.left_at.is_none() {
+            self.expanded_from(situation.positions, feedback)?;
             let start = self.course.as_ref()?.windows.start_state();
             return Some(From::program(start, true));
         }
@@ -580,10 +581,9 @@ impl Planner {
     /// the program goes on.
     fn take_over(&mut self, feedback: &Feedback) -> Option<From> {
         self.expanded_from(feedback.program_start, feedback)?;
-        if feedback.at_rest == 0 || !feedback.armed.is_none() {
-            return None;
-        }
-        if feedback.hold == 1 || override_percent(feedback) == 0 {
+        let situation = Situation::of(feedback);
+        let stands = situation.hold || situation.override_percent == 0;
+        if !situation.rests || !feedback.armed.is_none() || stands {
             return None;
         }
         let from = self.return_to_path(feedback)?;
@@ -612,10 +612,8 @@ impl Planner {
     /// The program from these command positions, read so far that it can begin, or as far as one scan allows.
     fn begin(&self, start: [i64; MAX_AXES], feedback: &Feedback) -> Option<Course> {
         let program = self.program.as_ref()?;
-        let element = match feedback.interrupted_at {
-            at if at.is_off_path() => 0,
-            at => at.element,
-        };
+        let left_at = Situation::of(feedback).left_at;
+        let element = left_at.map_or(0, |tag| tag.element);
         let reaches = |place: &&Place| first_mapped(place.element) <= element;
         let place = self.place.as_ref().filter(reaches);
         let answers = self.answers.iter();
@@ -648,16 +646,17 @@ impl Planner {
 
     /// Reads on ahead of the tool. What was refused is told once the tool rests before it.
     fn read_on(&mut self, feedback: &Feedback) {
-        let element = tool_element(feedback);
+        let situation = Situation::of(feedback);
+        let element = situation.tool_element();
         let Some(course) = &mut self.course else {
             return;
         };
-        course.read_on(element, feedback.at_rest == 0);
+        course.read_on(element, !situation.rests);
         course.events.forget(feedback.auxiliary.events_done);
         course.events.forget_passes(element);
         if let Some(refused) = course.refused()
             && self.cause == Cause::None
-            && feedback.at_rest == 1
+            && situation.rests
             && self.in_force.header.id == feedback.window
             && self.in_force.ends_path
             && !self.in_force.returns
@@ -704,7 +703,7 @@ impl Planner {
             self.cause = Cause::Planner;
             return None;
         };
-        let here = command_positions(feedback);
+        let here = Situation::of(feedback).positions;
         if here == position {
             return Some(From::program(state, true));
         }
@@ -759,9 +758,8 @@ impl Planner {
             (true, true) => self.return_to_path.as_ref()?.to,
             (false, _) => self.in_force.state_in(before)?,
         };
-        let held = feedback.hold == 1 || feedback.auxiliary.blocked == 1;
-        let held = held || override_percent(feedback) == 0;
-        let held = held || self.waits_for_rapids(&state, returns && !done, feedback);
+        let held = Situation::of(feedback).held()
+            || self.waits_for_rapids(&state, returns && !done, feedback);
         if held && state.is_at_rest() {
             return None;
         }
@@ -776,46 +774,6 @@ impl Planner {
             after: (!done).then_some(before),
         })
     }
-}
-
-/// The element that the tool is at, or was when the path was left; the first before the program begins.
-pub(crate) fn tool_element(feedback: &Feedback) -> u32 {
-    let tag = tool_tag(feedback);
-    if tag.is_off_path() { 0 } else { tag.element }
-}
-
-/// Where the tool is on the path, or was when the path was left.
-fn tool_tag(feedback: &Feedback) -> PathTag {
-    if feedback.tag.is_off_path() {
-        feedback.interrupted_at
-    } else {
-        feedback.tag
-    }
-}
-
-/// Override that counts now, in percent.
-fn override_percent(feedback: &Feedback) -> u32 {
-    if feedback.auxiliary.override_disabled == 1 {
-        100
-    } else {
-        feedback.override_percent
-    }
-}
-
-/// Whether every axis knows its place: before that no program can be read from it.
-fn is_referenced(feedback: &Feedback) -> bool {
-    let mut axes = feedback.axes().iter();
-    axes.all(|axis| axis.reference == Reference::Known as u32)
-}
-
-/// Whether the master wants no motion yet. Whoever moves comes to rest first.
-fn is_blocked(feedback: &Feedback) -> bool {
-    feedback.auxiliary.blocked == 1 && feedback.at_rest == 1
-}
-
-/// Where the axes are commanded to be, in increments.
-fn command_positions(feedback: &Feedback) -> [i64; MAX_AXES] {
-    feedback.axes.map(|axis| axis.command_position)
 }
 
 fn wire_setpoint(setpoint: &PlannedSetpoint) -> Setpoint {

@@ -1,21 +1,17 @@
 //! Start at a line: what stands before it is read and not travelled. The master is asked for the levels that it leaves, one after
 //! another, and then to begin at the place; the planned return to the path is the way there (docs/developers/architecture.md, "Events").
 
-use bus::sample::{Cause, EventCode, Feedback, Mode, ProgramEvent};
+use bus::sample::{Cause, EventCode, Feedback, ProgramEvent};
 
-use super::{Planner, command_positions, tool_element};
+use super::Planner;
 use crate::line_search::{LineError, LineSearch};
-
-/// The line that the program is to be started at, as long as the master does not know where that is.
-pub(super) fn seeks_line(feedback: &Feedback) -> Option<u32> {
-    let line = feedback.auxiliary.start_line;
-    (line != 0 && feedback.interrupted_at.is_off_path()).then_some(line)
-}
+use crate::situation::Situation;
 
 impl Planner {
     /// Reads on to the line that the program is to be started at, from where the axes are.
     pub(super) fn seek_line(&mut self, feedback: &Feedback) {
-        let Some(line) = seeks_line(feedback) else {
+        let situation = Situation::of(feedback);
+        let Some(line) = situation.seeks_line else {
             self.search = None;
             return;
         };
@@ -23,8 +19,7 @@ impl Planner {
             // It is read from its beginning once the place is known: its events are counted there.
             self.read_anew();
         }
-        let is_enabled = Mode::from_wire(feedback.mode) == Some(Mode::Enabled);
-        if !is_enabled || self.cause != Cause::None {
+        if !situation.enabled || self.cause != Cause::None {
             return;
         }
         if let Err(error) = self.seek(line, feedback) {
@@ -34,7 +29,7 @@ impl Planner {
     }
 
     fn seek(&mut self, line: u32, feedback: &Feedback) -> Result<(), LineError> {
-        let start = command_positions(feedback);
+        let start = Situation::of(feedback).positions;
         let Some(program) = &self.program else {
             return Ok(());
         };
@@ -48,7 +43,8 @@ impl Planner {
     /// What the master is asked for before the program begins at its line: the levels one after another, then the place.
     pub(super) fn event_to_start(&self, feedback: &Feedback) -> Option<ProgramEvent> {
         let place = self.search.as_ref()?.found()?;
-        if self.cause != Cause::None || feedback.hold == 1 || feedback.at_rest == 0 {
+        let situation = Situation::of(feedback);
+        if self.cause != Cause::None || situation.hold || !situation.rests {
             return None;
         }
         let done = feedback.auxiliary.events_done;
@@ -71,6 +67,9 @@ impl Planner {
     /// Nothing before this element is needed any more.
     pub(crate) fn needed_from(&self, feedback: &Feedback) -> u32 {
         let search = self.search.as_ref();
-        search.map_or_else(|| tool_element(feedback), LineSearch::looked_at)
+        search.map_or_else(
+            || Situation::of(feedback).tool_element(),
+            LineSearch::looked_at,
+        )
     }
 }

@@ -4,10 +4,10 @@ use bus::sample::{Cause, EventCode, Feedback, PlannerStatus, ProgramEvent, Progr
 use bus::user_codes::{CallId, UserCall};
 use path::profile::PathState;
 
-use super::start_at_line::seeks_line;
-use super::{Planner, tool_element, tool_tag};
+use super::Planner;
 use crate::ahead::Course;
 use crate::kept_parameters::Left;
+use crate::situation::Situation;
 
 impl Planner {
     /// What the program says around where the tool is: texts that the windows on the way may pass, and those that the path has come to.
@@ -17,13 +17,12 @@ impl Planner {
         let rests = self.rests_on_path(feedback).filter(|state| {
             feedback.hold == 0 && self.block_to_stop_behind(state, feedback).is_none()
         });
-        let tag = tool_tag(feedback);
         // Texts carry the number of the run: before it has begun that is the one before.
         let runs = feedback.program == ProgramState::Running as u32
             && self.run == Some((feedback.load, feedback.run));
-        if tag.is_off_path() || !runs {
+        let Some(tag) = Situation::of(feedback).tool_at.filter(|_| runs) else {
             return;
-        }
+        };
         let published = [&self.in_force, &self.pending];
         let last = published.iter().filter_map(|window| window.states.last());
         let last = last.map(|state| state.element).max();
@@ -61,7 +60,8 @@ impl Planner {
 
     /// The event that the path rests for now, on the program's path and with nothing on the way.
     fn event(&self, feedback: &Feedback) -> Option<ProgramEvent> {
-        if seeks_line(feedback).is_some() {
+        let situation = Situation::of(feedback);
+        if situation.seeks_line.is_some() {
             return self.event_to_start(feedback);
         }
         let course = self.course.as_ref()?;
@@ -72,7 +72,7 @@ impl Planner {
         if let Some(elements) = self.block_to_stop_behind(&state, feedback) {
             return Some(self.block_done(elements, feedback));
         }
-        if feedback.hold == 1 {
+        if situation.hold {
             return None;
         }
         let next = course.events.at_rest(feedback.auxiliary.events_done)?;
@@ -85,7 +85,7 @@ impl Planner {
     /// The line that the tool is in.
     pub(super) fn line(&self, feedback: &Feedback) -> u32 {
         let path = self.course.as_ref().map(|course| course.windows.path());
-        let element = path.and_then(|path| path.get(tool_element(feedback)));
+        let element = path.and_then(|path| path.get(Situation::of(feedback).tool_element()));
         element.map_or(0, |element| element.line)
     }
 
@@ -96,7 +96,8 @@ impl Planner {
                 .map_or((0.0, 0.0, self.sought_hash()), |course| {
                     let path = course.windows.path();
                     // Off the path, what is done is what was done when it was left.
-                    let tag = tool_tag(feedback);
+                    let tag = Situation::of(feedback).tool_at;
+                    let tag = tag.unwrap_or(feedback.interrupted_at);
                     let behind = path.get(tag.element);
                     let before_mm = behind.map_or(0.0, |_| path.length_before_mm(tag.element));
                     let whole_mm = match course.is_over() {
