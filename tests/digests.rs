@@ -10,7 +10,7 @@ use crate::size;
 use crate::support::{number, root, run_with, text};
 
 /// By default a program that takes more scans is run on the machine that is through with it soonest.
-const SCANS: u64 = 100_000;
+const SCANS: u64 = 50_000;
 
 /// One line of the table.
 #[derive(Debug, Clone)]

@@ -225,7 +225,7 @@ fn kills_of_servos_that_have_a_standby_change_not_one_bit_of_the_motion() {
 #[test]
 fn kills_of_the_planner_leave_the_tool_on_the_path_and_the_program_ends_where_it_should() {
     let times = size::number("KILLS", 20, 200);
-    for machine in ["xy", "xyz-mill"] {
+    for machine in size::one_in(2, ["xy", "xyz-mill"]) {
         let bench = bench_with(machine, false);
         let program = bench.file("mixed.ngc", &mixed_program(3));
         let undisturbed = run(bench.path(), &program);
@@ -373,7 +373,7 @@ fn kills_of_the_monitor_change_not_one_bit_of_the_motion() {
 
 #[test]
 fn a_servo_without_a_standby_is_lost_thirty_times_and_the_program_is_done_all_the_same() {
-    for machine in ["xy", "xyz-mill"] {
+    for machine in size::one_in(2, ["xy", "xyz-mill"]) {
         let bench = bench_with(machine, false);
         let program = bench.file("mixed.ngc", &mixed_program(1));
         let faults = script(

@@ -27,10 +27,7 @@ impl Drop for Monitors {
 /// first.
 fn watched(count: usize) -> (Run, Vec<Value>) {
     let bench = Bench::of("xy", &[]);
-    let turns = long_program();
-    let half = turns.lines().count() / 2;
-    let shorter: Vec<&str> = turns.lines().take(half).chain(["M2", ""]).collect();
-    let program = bench.file("circle.ngc", &shorter.join("\n"));
+    let program = bench.file("circle.ngc", &long_program());
     let mut cell = LiveCell::start(bench.path(), &program, "lockstep");
     cell.wait_for_scan(1);
     let lines = |index: usize| bench.path().join(format!("lines-{index}.jsonl"));

@@ -482,7 +482,7 @@ pub fn text(report: &Value, pointer: &str) -> String {
 
 /// A program of so many circles that no test is over before it has done to it what it wants.
 pub fn long_program() -> String {
-    circles(30)
+    circles(20)
 }
 
 /// The same for tests that interrupt it in lockstep, where a busy PC may make minutes of machine time before the test comes to its turn.
