@@ -1,8 +1,8 @@
 //! Seeing a cell from another machine.
 //!
-//! A reader descends so: [`wire`] is what is reported, and what of it is believed; [`clock`] is how old it is, without trusting any
-//! clock that somebody sets; [`events`] is how all events arrive in order although messages get lost; `link` (feature `zenoh`) carries it over
-//! zenoh. What is shown is not here: the root package makes snapshots of its live view and fills such a view from them.
+//! A reader descends so: [`state`] is what is shown of a cell; [`wire`] is what is reported of it, and what of that is believed;
+//! [`clock`] is how old it is, without trusting any clock that somebody sets; [`events`] is how all events arrive in order although
+//! messages get lost; `link` (feature `zenoh`) carries it over zenoh. Who makes the state and who shows it is `view`.
 //!
 //! **Invariant**: nothing here is known to the cell. The server is an observer like any other. Orders travel on a way of their own
 //! (`orders`), which is closed unless somebody opens it with certificates.

@@ -26,7 +26,7 @@ pub struct CellState {
     /// What can be done, or what comes by itself.
     pub next: String,
     /// The sentence in its parts, and how it is meant.
-    pub says: Says,
+    pub says: StateWords,
     /// Feed hold is latched.
     pub hold: Option<bool>,
     /// The command rests.
@@ -70,7 +70,7 @@ pub struct CellState {
 /// A state for people, in its parts.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Says {
+pub struct StateWords {
     /// A sign that tells the states apart without colour.
     pub symbol: String,
     /// The state in a word or two.

@@ -4,7 +4,7 @@ use bus::sample::{Auxiliaries, Cause, FLOOD, Feedback, Job, MIST, Mode};
 use machine::Process;
 use remote::state::{
     AuxiliaryState, AxisState, BusState, CauseState, CellState, CircleState, Death, MessageState,
-    ProcessState, ProgramState, Says as StateWords, TimingState,
+    ProcessState, ProgramState, StateWords, TimingState,
 };
 
 use super::axis::AxisView;
