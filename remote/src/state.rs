@@ -1,7 +1,7 @@
 //! The state of a cell, as all who show it have it: `status --json`, the page, the terminal, another machine.
 //!
-//! It is made in one place (`view`), under the names that scripts know. Positions are in mm and deviations in µm; those of a rotary axis
-//! are in degrees and in thousandths of a degree, and printed JSON has names that say so. None is what cannot be known.
+//! It is made in one place (`view`), under the names that scripts know. Positions are in mm and deviations in µm, for a
+//! rotary axis in degrees and thousandths of a degree, under names that say so in printed JSON. None is what cannot be known.
 
 use serde::{Deserialize, Serialize};
 
@@ -108,7 +108,7 @@ pub struct CauseState {
     pub scan: u64,
 }
 
-/// How far the program is.
+/// Progress of the program.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ProgramState {
@@ -286,7 +286,7 @@ pub struct AxisState {
     pub feedback_mm: f64,
     /// Command in the coordinates of the program.
     pub work_mm: Option<f64>,
-    /// Command in those of the machine.
+    /// Command in the coordinates of the machine.
     #[serde(deserialize_with = "number")]
     pub machine_mm: f64,
     /// Way to the end of the block, signed.
@@ -318,9 +318,9 @@ pub struct AxisState {
     /// Winding above ambient, in K.
     #[serde(deserialize_with = "number")]
     pub winding_k: f64,
-    /// Friction that is fed forward, in words: how much of that of its model, as tuned, or none.
+    /// Friction fed forward, in words: its share of the model's, tuned, or none.
     pub friction: String,
-    /// Friction that the servo goes by, as a part of that of its model; none where the axis does not follow friction.
+    /// Friction level of the servo, as a share of its model's; none where the axis does not follow friction.
     pub friction_level: Option<f64>,
     /// Part of Coulomb friction that the last way between two reversals left unexplained.
     pub friction_unexplained: Option<f64>,
@@ -336,7 +336,7 @@ pub struct AxisState {
     pub standby_differences: u32,
     /// How it knows its place, in words.
     pub reference: String,
-    /// Of the second motor of a gantry: its position less that of the axis's first.
+    /// Skew of a gantry's second motor: its position less the first motor's.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub skew_um: Option<f64>,
     /// What needs a look, in words.

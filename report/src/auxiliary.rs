@@ -71,18 +71,15 @@ pub fn summary(auxiliary: &Auxiliaries) -> Option<String> {
 }
 
 /// What the operator has switched otherwise than at the start of a cell, in a few words.
-pub fn panel(inputs: &Inputs) -> Option<String> {
+pub fn panel(single_block: bool, rapid_percent: u32, jog_percent: u32) -> Option<String> {
     let mut words = Vec::new();
-    if inputs.single_block() {
+    if single_block {
         words.push("single block".into());
     }
-    match inputs.rapid_override_percent() {
-        100 => {}
-        percent => words.push(format!("rapids {percent} %")),
-    }
-    match inputs.jog_override_percent() {
-        100 => {}
-        percent => words.push(format!("jogs {percent} %")),
+    for (what, percent) in [("rapids", rapid_percent), ("jogs", jog_percent)] {
+        if percent != 100 {
+            words.push(format!("{what} {percent} %"));
+        }
     }
     (!words.is_empty()).then(|| words.join(", "))
 }

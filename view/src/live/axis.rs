@@ -23,8 +23,6 @@ pub struct AxisView {
     pub name: String,
     /// Unit of its positions.
     pub unit: &'static str,
-    /// Unit of its deviations.
-    pub error_unit: &'static str,
     /// The newest feedback.
     pub now: AxisFeedback,
     /// The newest command of the servo that drives.
@@ -57,7 +55,6 @@ impl AxisView {
         AxisView {
             name: axis.name.clone(),
             unit: axis.kind.unit(),
-            error_unit: axis.kind.deviation_unit(),
             now: AxisFeedback::zeroed(),
             command: None,
             error_um: None,
@@ -173,14 +170,9 @@ impl AxisView {
         Redundancy::from_wire(self.now.redundancy).unwrap_or(Redundancy::Lost)
     }
 
-    /// Whether its positions are those of the machine.
-    pub fn reference(&self) -> Reference {
-        Reference::from_wire(self.now.reference).unwrap_or(Reference::Missing)
-    }
-
     /// How it knows its place, in words.
     pub fn reference_words(&self) -> &'static str {
-        match self.reference() {
+        match Reference::from_wire(self.now.reference).unwrap_or(Reference::Missing) {
             Reference::Known if self.absolute => ABSOLUTE,
             Reference::Missing if self.absolute => "no reference",
             reference => reference.words(),

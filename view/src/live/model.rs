@@ -88,7 +88,7 @@ pub struct Model {
 impl Model {
     /// Of a cell of which nothing has been heard yet.
     pub fn new(cell: &str, machine: Machine) -> Self {
-        Model {
+        let mut model = Model {
             cell: cell.into(),
             pace: None,
             feedback: None,
@@ -117,7 +117,9 @@ impl Model {
             heard_scan: None,
             track: Track::default(),
             machine,
-        }
+        };
+        model.shown = Shown::of(&model);
+        model
     }
 
     /// Whether everything has been heard of once.

@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use bus::sample::{Inputs, ProgramState as Progress, Redundancy};
+use bus::sample::{ProgramState as Progress, Redundancy};
 use machine::Machine;
 use remote::state::{AxisState, CellState, Death, LinkState, ProcessState, ProgramState, Readout};
 
@@ -77,14 +77,10 @@ pub fn age_words(link: &LinkState) -> String {
 /// What is switched that is not as usual, in words.
 pub fn switched_words(state: &CellState) -> Option<String> {
     let [rapid, jog] = [state.rapid_override_percent, state.jog_override_percent];
-    let panel = Inputs::panel(state.single_block?, (rapid?, jog?));
-    report::auxiliary::panel(&Inputs {
-        panel,
-        ..Inputs::default()
-    })
+    report::auxiliary::panel(state.single_block?, rapid?, jog?)
 }
 
-/// How far the second motors of the gantries are ahead, as far as that is known.
+/// Skew of each gantry in words, where it is known.
 pub fn skew_words(state: &CellState, machine: &Machine) -> Vec<String> {
     let name = |index| machine.axis_name(index);
     let words = machine.gantries().filter_map(|pair| {
