@@ -17,6 +17,16 @@ pub const MESSAGE_BYTES_MAX: usize = 256 << 10;
 pub const TEXT_BYTES_MAX: usize = 400;
 /// Items of a list: the degrees of a circle, with room to spare.
 const ITEMS_MAX: usize = 400;
+/// Axes of a cell.
+const AXES_MAX: usize = 8;
+/// Processes of a cell.
+const PROCESSES_MAX: usize = 24;
+/// Bars of the timing.
+const BARS_MAX: usize = 16;
+/// Degrees of a circle.
+const CIRCLE_DEGREES: usize = 360;
+/// Highest override of feeds that a machine may have, in percent.
+pub const OVERRIDE_MAX_PERCENT: u32 = 200;
 /// Reversals a snapshot repeats: those of a link that was lost for a moment are not missed.
 pub const REVERSALS_MAX: usize = 16;
 /// Events of one answer.
@@ -63,15 +73,13 @@ pub trait Message: Serialize + DeserializeOwned {
 /// and without what a terminal would obey.
 ///
 /// # Errors
-/// It is too large.
+/// It would be refused all the same: what goes out is judged as what comes in.
 pub fn encode<M: Message>(message: &M) -> Result<Vec<u8>, Refusal> {
     let mut value = serde_json::to_value(message)?;
     make_plain("", &mut value);
     let bytes = serde_json::to_vec(&value)?;
-    match bytes.len() {
-        0..=MESSAGE_BYTES_MAX => Ok(bytes),
-        more => Err(Refusal::Size(more)),
-    }
+    decode::<M>(&bytes)?;
+    Ok(bytes)
 }
 
 /// Bytes from outside as a message.
@@ -87,11 +95,11 @@ pub fn decode<M: Message>(bytes: &[u8]) -> Result<M, Refusal> {
     if bytes.len() > MESSAGE_BYTES_MAX {
         return Err(Refusal::Size(bytes.len()));
     }
-    let head: Head = serde_json::from_slice(bytes)?;
+    let value: Value = serde_json::from_slice(bytes)?;
+    let head = Head::deserialize(&value)?;
     if head.format != FORMAT {
         return Err(Refusal::Format(head.format));
     }
-    let value: Value = serde_json::from_slice(bytes)?;
     check("message", &value)?;
     let message: M = serde_json::from_value(value)?;
     message.check()?;
@@ -108,8 +116,8 @@ pub struct Snapshot {
     pub session: u64,
     /// Counted by the server from 1.
     pub sequence: u64,
-    /// The server's clock when it made this, in µs.
-    pub made_us: u64,
+    /// The server's clock when the feedback of this state came, in µs.
+    pub heard_us: u64,
     /// The cell.
     pub state: CellState,
     /// Reversals that the server has seen in all.
@@ -288,8 +296,62 @@ macro_rules! message {
     };
 }
 
-message!(Snapshot);
-message!(CircleReport);
+fn check_count(field: &str, count: usize, most: usize) -> Result<(), Refusal> {
+    if count > most {
+        return Err(refuse(field, format!("{count}, at most {most}")));
+    }
+    Ok(())
+}
+
+message!(Snapshot, |message| {
+    let (state, reversals) = (&message.state, &message.reversals);
+    if !matches!(state.pace.as_deref(), None | Some("realtime" | "lockstep")) {
+        return Err(refuse("pace", "neither realtime nor lockstep"));
+    }
+    let percent = state.override_percent.unwrap_or(0);
+    if percent > OVERRIDE_MAX_PERCENT {
+        return Err(refuse("override_percent", percent));
+    }
+    let bars = message
+        .timing
+        .as_ref()
+        .map_or(0, |timing| timing.bars.len());
+    check_count("axes", state.axes.len(), AXES_MAX)?;
+    check_count("processes", state.processes.len(), PROCESSES_MAX)?;
+    check_count("reversals", reversals.len(), REVERSALS_MAX)?;
+    check_count("bars", bars, BARS_MAX)?;
+    if reversals.len() as u64 > message.reversals_count {
+        return Err(refuse("reversals_count", message.reversals_count));
+    }
+    for reversal in reversals {
+        check_count(
+            "reversal's axis",
+            reversal.axis as usize + 1,
+            state.axes.len(),
+        )?;
+        if !matches!(reversal.direction, -1 | 1) {
+            return Err(refuse("direction", reversal.direction));
+        }
+    }
+    Ok(())
+});
+
+message!(CircleReport, |message| {
+    let deviation_um = &message.circle.deviation_um;
+    // Fewer angles or more would be another plot.
+    if deviation_um.len() != CIRCLE_DEGREES {
+        return Err(refuse("deviation_um", deviation_um.len()));
+    }
+    let upside_down = deviation_um
+        .iter()
+        .flatten()
+        .find(|[low, _, high]| low > high);
+    match upside_down {
+        Some([low, _, high]) => Err(refuse("deviation_um", format!("{low} to {high}"))),
+        None => Ok(()),
+    }
+});
+
 message!(MachineReport);
 message!(ClockReport);
 
@@ -299,9 +361,7 @@ message!(EventReport, |message| match message.number {
 });
 
 message!(EventHistory, |message| {
-    if message.events.len() > EVENTS_MAX {
-        return Err(refuse("events", message.events.len()));
-    }
+    check_count("events", message.events.len(), EVENTS_MAX)?;
     for (index, event) in message.events.iter().enumerate() {
         event.check()?;
         if event.session != message.session {

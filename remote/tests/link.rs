@@ -30,7 +30,7 @@ fn snapshot(sequence: u64) -> Snapshot {
         format: FORMAT,
         session: 42,
         sequence,
-        made_us: 1,
+        heard_us: 1,
         ..Snapshot::default()
     }
 }

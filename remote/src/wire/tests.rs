@@ -37,7 +37,7 @@ fn snapshot() -> Snapshot {
         format: FORMAT,
         session: u64::MAX,
         sequence: 1,
-        made_us: 1_750_000_000_000_000,
+        heard_us: 1_750_000_000_000_000,
         state: CellState {
             cell: "mill-3".into(),
             scan: Some(100),
@@ -99,16 +99,29 @@ fn refused(change: impl FnOnce(&mut Snapshot)) -> String {
 
 #[test]
 fn what_no_server_of_ours_would_send_is_refused_by_its_name() {
-    let cases: [(&str, String); 5] = [
+    let axis = || AxisState::default();
+    let cases: [(&str, String); 12] = [
         ("format 6", refused(|s| s.format = 6)),
+        ("pace", refused(|s| s.state.pace = Some("slow".into()))),
+        (
+            "axes",
+            refused(|s| s.state.axes = vec![axis(); AXES_MAX + 1]),
+        ),
         (
             "feedback_mm: 1e+300",
             refused(|s| s.state.axes[1].feedback_mm = 1e300),
         ),
         (
-            "reversals: 401",
-            refused(|s| s.reversals = vec![s.reversals[0]; 401]),
+            "torque_command_nm: -1e+16",
+            refused(|s| s.state.axes[0].torque_command_nm = Some(-1e16)),
         ),
+        (
+            "override_percent",
+            refused(|s| s.state.override_percent = Some(201)),
+        ),
+        ("reversal's axis", refused(|s| s.reversals[0].axis = 2)),
+        ("direction", refused(|s| s.reversals[0].direction = 0)),
+        ("reversals_count", refused(|s| s.reversals_count = 0)),
         (
             "process: a control character",
             refused(|s| s.state.processes[0].process = "\u{1b}[2Jservo".into()),
@@ -116,6 +129,10 @@ fn what_no_server_of_ours_would_send_is_refused_by_its_name() {
         (
             "name: 401 bytes",
             refused(|s| s.state.program.name = Some("x".repeat(TEXT_BYTES_MAX + 1))),
+        ),
+        (
+            "active_codes: 401 items",
+            refused(|s| s.state.readout.active_codes = vec!["G1".into(); 401]),
         ),
     ];
     for (expected, message) in cases {
@@ -139,6 +156,12 @@ fn unknown_and_missing_fields_too_much_and_too_little_are_refused() {
     ));
     let deep = "[".repeat(100_000);
     assert!(decode::<Snapshot>(deep.as_bytes()).is_err());
+    let mut short = circle();
+    short.circle.deviation_um.pop();
+    assert!(encode(&short).is_err());
+    let mut upside_down = circle();
+    upside_down.circle.deviation_um[5] = Some([2.0, 0.0, 1.0]);
+    assert!(encode(&upside_down).is_err());
 }
 
 #[test]
@@ -188,9 +211,10 @@ fn a_text_of_the_cell_is_made_fit_to_travel() {
 #[test]
 fn a_snapshot_of_eight_axes_and_24_processes_fits_into_a_message() {
     let mut full = snapshot();
-    full.state.axes = vec![full.state.axes[0].clone(); 8];
-    full.state.processes = vec![full.state.processes[0].clone(); 24];
+    full.state.axes = vec![full.state.axes[0].clone(); AXES_MAX];
+    full.state.processes = vec![full.state.processes[0].clone(); PROCESSES_MAX];
     full.reversals = vec![full.reversals[0]; REVERSALS_MAX];
+    full.reversals_count = 1000;
     let bytes = encode(&full).expect("plausible").len();
     assert!(bytes < 20_000, "{bytes}");
 }
@@ -208,7 +232,7 @@ proptest! {
         bytes.splice(place..end, with.iter().copied());
         if let Ok(believed) = decode::<Snapshot>(&bytes) {
             let again = serde_json::to_value(&believed).expect("JSON");
-            prop_assert!(check("message", &again).is_ok());
+            prop_assert!(check("message", &again).is_ok() && believed.check().is_ok());
         }
         prop_assert!(decode::<EventReport>(&with).is_err());
     }

@@ -1,19 +1,28 @@
 //! A model as messages for another machine, and a model filled from them. Pure.
 
-use remote::wire::{CircleReport, FORMAT, REVERSALS_MAX, Snapshot};
+use remote::state::{CellState, LinkState};
+use remote::wire::{CircleReport, FORMAT, OVERRIDE_MAX_PERCENT, REVERSALS_MAX, Snapshot};
 
 use super::model::Model;
+use super::state::tell;
+use super::words::{Says, Tone};
 
-/// A model as a snapshot; sequence, clock and events' count are the server's.
+/// A model as a snapshot; sequence, time and events' count are the server's.
 pub fn snapshot(model: &Model, session: u64) -> Snapshot {
-    let last = &model.reversals.last;
+    let (state, last) = (&model.shown.state, &model.reversals.last);
     let skip = last.len().saturating_sub(REVERSALS_MAX);
     Snapshot {
         format: FORMAT,
         session,
         sequence: 0,
-        made_us: 0,
-        state: model.shown.state.clone(),
+        heard_us: 0,
+        state: CellState {
+            // A word that makes no sense must not keep the rest from being believed.
+            override_percent: state
+                .override_percent
+                .map(|of| of.min(OVERRIDE_MAX_PERCENT)),
+            ..state.clone()
+        },
         reversals_count: model.reversals.count,
         reversals: last.iter().skip(skip).copied().collect(),
         angle_rad: model.circle.angle_rad,
@@ -41,10 +50,9 @@ pub fn fill(model: &mut Model, message: Snapshot) -> bool {
         return false;
     }
     for (axis, state) in model.axes.iter_mut().zip(of_axes) {
-        state
-            .following_error_look_um
-            .into_iter()
-            .for_each(|um| axis.peaked(um));
+        if let Some(um) = state.following_error_look_um {
+            axis.peaked(um);
+        }
     }
     model.ended = message.state.ended;
     model.seen_scans = (message.scans_seen, message.scans_not_seen);
@@ -56,6 +64,21 @@ pub fn fill(model: &mut Model, message: Snapshot) -> bool {
     model.shown.timing = message.timing;
     model.shown.state = message.state;
     true
+}
+
+/// Says of a state that is new where its orders are given.
+pub fn from_afar(state: &mut CellState) {
+    state.next = format!("on the controller PC: {}", state.next);
+}
+
+/// Says what is known of the link; a lost one in place of the cell's state.
+pub fn tell_link(state: &mut CellState, link: &LinkState) {
+    state.remote = Some(link.clone());
+    if link.link_lost {
+        let detail = format!("link lost for {:.1} s: what is shown is old", link.silent_s);
+        let next = "the machine goes on; this view comes back by itself";
+        tell(state, Says::new("✖", "NO LINK", Tone::Bad, &detail, next));
+    }
 }
 
 #[cfg(test)]
@@ -198,6 +221,7 @@ mod tests {
         let message: Snapshot = remote::wire::decode(&message).expect("believed");
         assert!(message.state.axes[0].torque_nm.is_nan());
         assert_eq!(message.state.axes[0].following_error_um, None);
+        assert_eq!(message.state.override_percent, Some(OVERRIDE_MAX_PERCENT));
     }
 
     #[test]

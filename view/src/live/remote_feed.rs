@@ -14,8 +14,7 @@ use super::events::Weight;
 use super::model::Model;
 use super::picture;
 use super::source::Source;
-use super::state::{round, rounded, tell};
-use super::words::{Says, Tone};
+use super::state::{round, rounded};
 use console::exit::{Failure, Kind};
 
 /// Nobody who is there is silent for so long.
@@ -40,9 +39,9 @@ pub struct RemoteFeed {
     session: u64,
     clocks: Clocks,
     follower: Follower,
-    /// The last snapshot: its number, and when it was made.
+    /// The last snapshot: its number, and when its feedback came.
     sequence: u64,
-    made_us: u64,
+    heard_us: u64,
     /// When it came.
     heard: Instant,
     asked_clock: Option<Instant>,
@@ -76,7 +75,7 @@ impl RemoteFeed {
             clocks: Clocks::default(),
             follower: Follower::default(),
             sequence: 0,
-            made_us: 0,
+            heard_us: 0,
             heard: Instant::now(),
             asked_clock: None,
             asked: None,
@@ -141,8 +140,7 @@ impl RemoteFeed {
 
     fn snapshot(&mut self, message: Snapshot) {
         let (sequence, events_count) = (message.sequence, message.events_count);
-        let age_us = (message.state.feedback_age_s.max(0.0) * 1e6) as u64;
-        let made_us = message.made_us.saturating_sub(age_us);
+        let heard_us = message.heard_us;
         if sequence <= self.sequence || !picture::fill(&mut self.model, message) {
             return;
         }
@@ -152,16 +150,15 @@ impl RemoteFeed {
         }
         self.link.snapshots += 1;
         self.sequence = sequence;
-        self.made_us = made_us;
+        self.heard_us = heard_us;
         self.heard = Instant::now();
         self.follower.there_are(events_count);
-        let next = &mut self.model.shown.state.next;
-        *next = format!("on the controller PC: {next}");
+        picture::from_afar(&mut self.model.shown.state);
     }
 
     /// What is known of the link, beside the cell's state.
     fn tell_link(&mut self) {
-        let age = self.clocks.age(self.made_us, now_us());
+        let age = self.clocks.age(self.heard_us, now_us());
         let age = age.filter(|_| self.sequence > 0);
         let link = &mut self.link;
         link.data_age_s_max = round(age.map(|age| age.max_s), 4);
@@ -172,13 +169,7 @@ impl RemoteFeed {
         link.messages_refused = self.client.refused();
         link.messages_dropped = self.client.dropped();
         link.events = self.model.events.count;
-        let state = &mut self.model.shown.state;
-        state.remote = Some(link.clone());
-        if link.link_lost {
-            let detail = format!("link lost for {:.1} s: what is shown is old", link.silent_s);
-            let next = "the machine goes on; this view comes back by itself";
-            tell(state, Says::new("✖", "NO LINK", Tone::Bad, &detail, next));
-        }
+        picture::tell_link(&mut self.model.shown.state, link);
     }
 
     fn event(&mut self, reported: Reported) {

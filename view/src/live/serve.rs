@@ -193,7 +193,8 @@ impl Desk {
         let mut snapshot = picture::snapshot(&self.feed.model, self.session);
         snapshot.sequence = self.sequence;
         snapshot.events_count = self.server.events_count();
-        snapshot.made_us = now_us();
+        let age_us = (self.feed.model.feedback_age_s * 1e6) as u64;
+        snapshot.heard_us = now_us().saturating_sub(age_us);
         reported(self.server.say_snapshot(&snapshot));
     }
 }

@@ -188,26 +188,53 @@ fn any_size_and_a_model_of_nothing_are_drawn_without_a_panic() {
 }
 
 #[test]
-fn a_view_from_another_machine_says_how_old_it_is_and_that_it_is_read_only() {
+fn a_view_from_another_machine_says_how_old_it_is_that_it_is_read_only_and_when_the_link_is_lost() {
+    use crate::live::picture::{from_afar, tell_link};
     use remote::state::LinkState;
     let mut model = model();
     look(&mut model);
-    let state = &mut model.shown.state;
-    state.remote = Some(LinkState {
+    let mut link = LinkState {
+        server: "tcp/192.168.0.7:7447".into(),
+        data_age_s_min: Some(0.012),
         data_age_s_max: Some(0.0731),
         ..LinkState::default()
-    });
+    };
+    from_afar(&mut model.shown.state);
+    tell_link(&mut model.shown.state, &link);
     for (width, height) in [(80, 24), (160, 50)] {
         let lines = shown(&Screen::plain(&model), width, height);
-        let [third, .., bottom] = &lines[2..] else {
-            panic!("{lines:?}");
-        };
-        assert!(third.trim_end().ends_with("data ≤ 73 ms old"), "{third}");
+        assert!(
+            lines[2].trim_end().ends_with("data ≤ 73 ms old"),
+            "{}",
+            lines[2]
+        );
+        assert!(
+            lines[2].contains("on the controller PC: `quadrant hold`"),
+            "{}",
+            lines[2]
+        );
+        let bottom = lines.last().expect("a line");
         assert!(
             bottom.contains("read only") && !bottom.contains("s stop"),
             "{bottom}"
         );
     }
+    link.link_lost = true;
+    link.silent_s = 3.2;
+    link.data_age_s_max = Some(3.27);
+    tell_link(&mut model.shown.state, &link);
+    let lines = shown(&Screen::plain(&model), 80, 24);
+    assert!(
+        lines[0].contains("NO LINK  link lost for 3.2 s"),
+        "{}",
+        lines[0]
+    );
+    assert!(
+        lines[2].trim_end().ends_with("data ≤ 3.3 s old"),
+        "{}",
+        lines[2]
+    );
+    assert!(lines[2].contains("comes back by itself"), "{}", lines[2]);
 }
 
 /// Numbers in a text that have more than four decimals.
