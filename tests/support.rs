@@ -482,15 +482,16 @@ pub fn text(report: &Value, pointer: &str) -> String {
 
 /// A program of so many circles that no test is over before it has done to it what it wants.
 pub fn long_program() -> String {
-    circles(20)
+    circles_program(20)
 }
 
 /// The same for tests that interrupt it in lockstep, where a busy PC may make minutes of machine time before the test comes to its turn.
 pub fn endless_program() -> String {
-    circles(3000)
+    circles_program(3000)
 }
 
-fn circles(count: usize) -> String {
+/// So many full circles.
+pub fn circles_program(count: usize) -> String {
     let once = circle_program(25.0, 3000.0, (0.0, 0.0), 0.0);
     let turn = once
         .lines()
