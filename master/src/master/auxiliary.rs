@@ -3,9 +3,9 @@
 //! (docs/developers/architecture.md, "Events").
 
 use bus::sample::{
-    Auxiliaries, Cause, DIGITAL_OUTPUTS, EventCode, FLOOD, Inputs, Levels, MIST, Mode,
-    OUTPUTS_AHEAD, OVERRIDE_MAX_PERCENT, PathTag, PlannerStatus, ProgramEvent, SpindleCommand,
-    Waiting,
+    Auxiliaries, Cause, DIGITAL_OUTPUTS, EventCode, FLOOD, Feedback, Levels, MIST, MODES_RESET,
+    Mode, OUTPUTS_AHEAD, OVERRIDE_MAX_PERCENT, PathTag, PlannerStatus, ProgramEvent,
+    SpindleCommand, Waiting,
 };
 use machine::{Machine, ToolChanger};
 
@@ -17,6 +17,7 @@ use crate::drives::{AuxiliaryFeedback, Drives};
 use crate::saved::AuxiliaryLatches;
 
 mod following;
+mod panel;
 
 /// Below this the spindle stands, in rev/min.
 const STANDSTILL_RPM: f64 = 1.0;
@@ -30,12 +31,6 @@ impl AuxiliaryLatches {
             limit if limit > 0.0 => rpm.min(limit),
             _ => rpm,
         }
-    }
-
-    /// What the feedback shows of the operator's switches.
-    pub fn panel(&self) -> u32 {
-        let overrides = (self.rapid_override_percent, self.jog_override_percent);
-        Inputs::panel(self.single_block == 1, overrides)
     }
 
     /// The gear between an axis and the spindle, while it is one.
@@ -118,7 +113,7 @@ impl AuxiliaryLatches {
 /// Spindle, coolant, outputs, tool and stops of a machine.
 #[derive(Debug, Clone)]
 pub(super) struct Auxiliary {
-    pub latches: AuxiliaryLatches,
+    latches: AuxiliaryLatches,
     /// What the program asks, and inputs.
     pub questions: Questions,
     at_speed_share: f64,
@@ -262,8 +257,20 @@ impl Auxiliary {
         spindle || self.questions.brakes() || self.questions.waits_for_planner()
     }
 
-    /// What the feedback says.
-    pub fn tell(&self) -> Auxiliaries {
+    /// What the feedback shows: machine and changer, what the program asks and has said, inputs and the operator's switches.
+    pub fn tell(&self, feedback: &mut Feedback) {
+        feedback.auxiliary = self.told();
+        feedback.messages = self.latches.messages;
+        self.questions.tell(feedback);
+        feedback.inputs.panel = self.panel();
+    }
+
+    /// What must outlive this master.
+    pub fn latches(&self) -> AuxiliaryLatches {
+        self.latches
+    }
+
+    fn told(&self) -> Auxiliaries {
         let stopped_for = Waiting::from_wire(self.latches.stopped_for).unwrap_or_default();
         let (waiting, line) = match stopped_for {
             Waiting::None => (self.waiting, self.asked.line),
@@ -339,6 +346,69 @@ impl Auxiliary {
         self.questions.forget_program();
         self.forget_asked();
         self.ahead = [ProgramEvent::default(); OUTPUTS_AHEAD];
+    }
+
+    /// The program is stopped for good: spindle at rest, coolant off. Outputs and tool stay.
+    pub fn end_program(&mut self) {
+        self.latches.end_program();
+    }
+
+    /// The program that was running is given up, and its modes with it.
+    pub fn discard_program(&mut self) {
+        self.latches.modes_of_run = MODES_RESET;
+        self.latches.end_program();
+    }
+
+    /// This run of a program is done; what turns and flows goes on behind it where the spindle is left to.
+    pub fn end_run(&mut self, run: u32, leaves_spindle: bool) {
+        if leaves_spindle {
+            self.latches.leave_path();
+        } else {
+            self.latches.end_program();
+        }
+        self.latches.modes_of_run = run;
+    }
+
+    /// The program is to begin at this line; at its beginning for 0.
+    pub fn seek_line(&mut self, line: u32) {
+        self.latches.start_line = line;
+    }
+
+    /// Whether it is to begin at a line that the tool is not on the path of yet.
+    pub fn seeks_line(&self) -> bool {
+        self.latches.start_line != 0
+    }
+
+    /// The tool is on the path: the line was reached.
+    pub fn reach_line(&mut self) {
+        if self.seeks_line() {
+            self.latches.start_line = 0;
+            self.changed = true;
+        }
+    }
+
+    /// Whether an axis is in step with the spindle.
+    pub fn is_coupled(&self) -> bool {
+        self.latches.coupled != 0
+    }
+
+    /// Whether this is the end of a block that single block is to stop behind, and has not stopped behind yet.
+    pub fn stops_behind(&self, status: &PlannerStatus) -> bool {
+        let event = &status.event;
+        self.latches.single_block == 1
+            && event.code == EventCode::BlockDone as u32
+            && event.element > self.latches.levels.blocks_done
+            && self.is_of_run(status)
+    }
+
+    /// The block is done, and the operator is waited for behind it: in a stop that the program makes here that is the stop.
+    pub fn end_block(&mut self, event: &ProgramEvent, waits: bool) {
+        if waits && self.latches.stopped_for == Waiting::None as u32 {
+            self.latches.stopped_for = Waiting::SingleBlock as u32;
+            self.latches.line = event.line;
+        }
+        self.latches.levels.blocks_done = event.element;
+        self.changed = true;
     }
 
     /// Whether the planner has said this since the run began.
@@ -570,7 +640,7 @@ impl<D: Drives> Master<D> {
         self.auxiliary.take_messages(status);
         self.heed_block(status);
         self.heed_start(status);
-        let recent = status.scan.saturating_add(2 * self.period_scans) >= self.scan;
+        let recent = status.scan.saturating_add(2 * self.timing.period_scans) >= self.scan;
         let is_of_run = self.auxiliary.is_of_run(status);
         if self.auxiliary.begun == 0 || status.event.number == 0 {
             let to_do = |event: &ProgramEvent| {
@@ -590,14 +660,15 @@ impl<D: Drives> Master<D> {
         if spindle_fails {
             self.trip(Cause::Spindle, u32::MAX);
         }
-        self.auxiliary.release(self.mode, self.hold, &self.program);
+        self.auxiliary
+            .release(self.mode(), self.modes.is_held(), &self.program);
         let surface = self.auxiliary.surface_axis();
         if let Some(unit) = surface.and_then(|axis| self.axes.get(axis)) {
             let place_mm = following::commanded_mm(unit);
             self.auxiliary.turn_at_surface_speed(place_mm);
         }
         self.step_probe();
-        if self.mode != Mode::Enabled {
+        if self.mode() != Mode::Enabled {
             self.auxiliary.forget_asked();
             return;
         }
@@ -610,9 +681,9 @@ impl<D: Drives> Master<D> {
             return;
         }
         let may_set = on_path || self.seeks_line();
-        let rests = may_set && self.windows.at_rest(self.scan) && self.stands();
+        let rests = may_set && self.windows.at_rest(self.scan) && self.axes.stand();
         let next = self.auxiliary.is_next(&self.auxiliary.asked);
-        let held = self.hold && self.auxiliary.begun == 0;
+        let held = self.modes.is_held() && self.auxiliary.begun == 0;
         if !rests || !next || held {
             self.auxiliary.forget_asked();
             return;
@@ -635,7 +706,7 @@ impl<D: Drives> Master<D> {
             Some(false) => Waiting::Input,
             None => self.auxiliary.awaits(&event),
         };
-        if self.mode != Mode::Enabled {
+        if self.mode() != Mode::Enabled {
             // It has stopped the machine.
             self.auxiliary.forget_asked();
             return;
@@ -659,7 +730,7 @@ impl<D: Drives> Master<D> {
         if stop != Waiting::None {
             auxiliary.latches.stopped_for = stop as u32;
             auxiliary.latches.line = event.line;
-            self.hold = true;
+            self.modes.hold();
         }
     }
 

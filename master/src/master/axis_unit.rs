@@ -1,87 +1,47 @@
-//! One axis as the master sees it.
-use bus::sample::{AxisCommand, Cause, Driver, Mode, Reference};
+//! One axis as the master sees it: where it is commanded to be and is, what its drive shows and is commanded, and its fault.
+
+use bus::sample::{AxisCommand, AxisFeedback, Cause, Driver, Mode, Reference, Roster, WindowId};
+use bus::service::ROLES;
 use bytemuck::Zeroable;
 use loops::guards::AxisGuards;
-use machine::{Axis, DriveMode, Machine, PositionFeedback};
-use path::travel::Travel;
+use machine::{Axis, DriveMode, HomingMethod, Machine, PositionFeedback};
 
 use super::STANDSTILL_MM_S;
 use super::hand::Hand;
-use super::redundancy::Standby;
-use super::substitute::Substitute;
-use super::switch::Switch;
+use super::sane::{Sane, guards};
+use super::servos::{Plan, Servos, Taken, Wanted};
 use crate::drives::{DriveCommand, DriveFeedback, DriveState};
 
 /// One axis as the master sees it.
 #[derive(Debug, Clone)]
 pub(super) struct AxisUnit {
     pub settings: Axis,
-    /// What its drive shows.
-    pub drive: DriveFeedback,
-    /// Position of the motor in the scan before, which the command of this one answers, in mm.
-    answered_motor_mm: f64,
-    /// The command in force.
-    pub command: AxisCommand,
-    /// Where the axis is commanded to be, in increments.
-    pub command_position: i64,
-    pub missed: u32,
-    pub missed_in_a_row: u32,
-    pub cause: Cause,
-    /// Code of its drive's fault, one that has stopped the axis until the trip is acknowledged; 0 without one. Of a skew what it
-    /// was, in µm, signed.
-    pub fault_code: u32,
-    pub taken_incarnation: u32,
-    /// Which of its servos is active.
-    pub switch: Switch,
-    /// Its servo answered the last scan, with nothing to complain of.
-    pub followed: bool,
-    /// How the one that is not is.
-    pub standby: Standby,
-    /// Its servo is silent or lost: the master commands it.
-    pub silent: bool,
-    /// How the master does.
-    pub substitute: Substitute,
     /// What the master guards itself, whatever the servo says.
     pub guards: AxisGuards,
-    /// Which of its controllers drives it.
-    pub driver: Driver,
-    /// The hand on it.
+    /// Servos that command it.
+    pub servos: Servos,
+    /// The hand on it, and which controller drives it.
     pub hand: Hand,
+    drive: DriveFeedback,
+    /// Position of the motor in the scan before, which the command of this one answers, in mm.
+    answered_motor_mm: f64,
+    /// Where the axis is commanded to be, in increments.
+    command_position: i64,
     /// Position of the machine less raw position of the drive, in increments: 0 until the controller has homed the axis.
-    pub offset: i64,
+    offset: i64,
     /// Whether its positions are those of the machine.
-    pub reference: Reference,
+    reference: Reference,
     /// Command position less feedback position when the drives were switched off: the steady deviation of the open loop.
-    pub deviation: i64,
+    deviation: i64,
+    cause: Cause,
+    /// Code of its drive's fault, one that has stopped the axis until the trip is acknowledged; 0 without one. Of a skew what it
+    /// was, in µm, signed.
+    fault_code: u32,
 }
 
 /// A motor that turns more slowly counts as standing too, in turns/s: with much way in a turn, one count of its encoder to and fro in a
 /// period of its drive looks faster than [`STANDSTILL_MM_S`].
 const STANDSTILL_TURNS_S: f64 = 0.01;
-/// A command beyond the axis's speed limit by this factor is no command: friction pulses and the position loop stay well below.
-const SPEED_SANITY: f64 = 2.0;
-/// Of a slow axis the loop adds more: what it makes of this share of the following-error limit.
-const SPEED_ERROR_SHARE: f64 = 0.1;
-/// A position command further outside the travel than this is no command.
-const POSITION_SANITY_MM: f64 = 10.0;
-
-/// The servo's own guards go first: the master's let this much more pass.
-const SECOND_GUARD: f64 = 1.25;
-/// Of the following error's limit, so much may the feedback be beyond the travel.
-const TRAVEL_MARGIN: f64 = 0.25;
-
-fn guards(axis: &Axis) -> AxisGuards {
-    let increments = |mm: f64| libm::round(mm / axis.increment_mm()) as i64;
-    let [min, max] = axis.travel_increments();
-    let following_error_mm = SECOND_GUARD * axis.following_error_limit_mm;
-    AxisGuards {
-        travel: Travel { min, max },
-        travel_margin: increments(TRAVEL_MARGIN * following_error_mm),
-        following_error_mm,
-        speed_mm_s: SPEED_SANITY * axis.rapid_mm_s,
-    }
-}
-
 impl AxisUnit {
     /// An axis that is commanded to be where its drive shows it.
     pub fn new(machine: &Machine, settings: &Axis, drive: DriveFeedback) -> AxisUnit {
@@ -89,20 +49,11 @@ impl AxisUnit {
             settings: settings.clone(),
             drive: DriveFeedback::default(),
             answered_motor_mm: 0.0,
-            command: AxisCommand::zeroed(),
             command_position: 0,
-            missed: 0,
-            missed_in_a_row: 0,
             cause: Cause::None,
             fault_code: 0,
-            taken_incarnation: 0,
-            switch: Switch::default(),
-            followed: false,
-            standby: Standby::default(),
-            silent: false,
-            substitute: Substitute::new(machine, settings),
+            servos: Servos::new(machine, settings),
             guards: guards(settings),
-            driver: Driver::Program,
             hand: Hand::new(machine, settings),
             offset: 0,
             reference: Reference::Missing,
@@ -145,7 +96,7 @@ impl AxisUnit {
     /// Where it is without the lost motion that its servo makes up for, in mm.
     pub fn place_mm(&self) -> f64 {
         let compensation_mm = match self.settings.feedback {
-            PositionFeedback::Motor => self.command.compensation_mm,
+            PositionFeedback::Motor => self.servos.command().compensation_mm,
             PositionFeedback::Scale => 0.0,
         };
         self.feedback_position() as f64 * self.settings.increment_mm() - compensation_mm
@@ -189,7 +140,7 @@ impl AxisUnit {
             Mode::Disabled if switching_on => DriveCommand::SwitchOn,
             Mode::Disabled => DriveCommand::Disabled,
             Mode::Tripped => self.brake(),
-            _ if self.driver == Driver::Drive => self.brake(),
+            _ if self.hand.driver() == Driver::Drive => self.brake(),
             Mode::Enabled
             | Mode::Stopping
             | Mode::Stopped
@@ -201,35 +152,30 @@ impl AxisUnit {
                 }
                 match self.settings.drive_mode {
                     DriveMode::Velocity => DriveCommand::Velocity {
-                        velocity_mm_s: self.command.velocity_mm_s,
-                        torque_offset_nm: self.command.torque_nm,
+                        velocity_mm_s: self.servos.command().velocity_mm_s,
+                        torque_offset_nm: self.servos.command().torque_nm,
                     },
-                    DriveMode::Position if self.is_commanded() => self.position_command(),
+                    DriveMode::Position if self.servos.have_commanded() => self.position_command(),
                     DriveMode::Position => self.brake(),
-                    DriveMode::Torque if !self.is_commanded() => self.brake(),
+                    DriveMode::Torque if !self.servos.have_commanded() => self.brake(),
                     DriveMode::Torque => DriveCommand::Torque {
-                        torque_nm: self.command.torque_nm,
+                        torque_nm: self.servos.command().torque_nm,
                     },
                 }
             }
         }
     }
 
-    /// Whether a servo has commanded anything yet.
-    fn is_commanded(&self) -> bool {
-        self.command.scan != 0 || self.command.incarnation != 0
-    }
-
     /// What the position loop is to answer, from what the servo asked of a velocity loop: `Kp·e` of its velocity is what its own position
     /// loop asked for, and `e` from where the motor was then, in the scan before, is where it is to be. The drive's loop, of the same gain, does the
     /// same without the way of the feedback to the servo and back.
     fn position_command(&self) -> DriveCommand {
-        let command = &self.command;
+        let command = self.servos.command();
         let offset_mm_s = command.feed_forward_mm_s + command.friction_pulse_mm_s;
         let error_mm =
             (command.velocity_mm_s - offset_mm_s) / self.settings.position_loop.gain_per_s;
         // The master answers at once.
-        let from_mm = if self.silent {
+        let from_mm = if self.servos.are_silent() {
             self.drive.motor_position_mm
         } else {
             self.answered_motor_mm
@@ -242,7 +188,7 @@ impl AxisUnit {
     }
 
     pub fn brake(&self) -> DriveCommand {
-        let asked = self.command.stop_deceleration_mm_s2;
+        let asked = self.servos.command().stop_deceleration_mm_s2;
         let most = self.settings.quick_stop_mm_s2;
         DriveCommand::Brake {
             deceleration_mm_s2: if asked > 0.0 && asked <= most {
@@ -253,35 +199,202 @@ impl AxisUnit {
         }
     }
 
-    /// Whether a command is one that the drive may see; the named cause otherwise.
-    pub fn judge(&self, command: &AxisCommand) -> Cause {
-        let settings = &self.settings;
-        let error_mm = SPEED_ERROR_SHARE * settings.following_error_limit_mm;
-        let loop_mm_s = settings.position_loop.gain_per_s * error_mm;
-        let speed_most = SPEED_SANITY * settings.rapid_mm_s.max(loop_mm_s);
-        let finite = command.velocity_mm_s.is_finite()
-            && command.torque_nm.is_finite()
-            && command.stop_deceleration_mm_s2.is_finite();
-        let position_mm = command.position as f64 * self.settings.increment_mm();
-        let before_mm = self.command_position as f64 * self.settings.increment_mm();
-        let (travel_low_mm, travel_high_mm) = if self.is_homed() {
-            (self.settings.travel_min_mm, self.settings.travel_max_mm)
-        } else {
-            (before_mm, before_mm)
+    /// What the drive shows.
+    pub fn drive(&self) -> &DriveFeedback {
+        &self.drive
+    }
+
+    /// Where it is commanded to be, in increments.
+    pub fn command_position(&self) -> i64 {
+        self.command_position
+    }
+
+    /// It is commanded to be there, in increments.
+    pub fn command_to(&mut self, position: i64) {
+        self.command_position = position;
+    }
+
+    /// Decides whose command is taken in this scan, which is closed or not; the window in force has the axis at this position.
+    pub fn decide_command<'a>(
+        &mut self,
+        scan: u64,
+        index: usize,
+        commands: &'a [Option<AxisCommand>; ROLES.len()],
+        roster: &Roster,
+        (in_force, position, closed): (WindowId, Option<i64>, bool),
+    ) -> Taken<'a> {
+        let plan = Plan {
+            in_force,
+            position,
+            closed,
+            sane: Sane {
+                settings: &self.settings,
+                command_position: self.command_position,
+                is_homed: self.is_homed(),
+            },
         };
-        let low_mm = travel_low_mm.min(before_mm);
-        let high_mm = travel_high_mm.max(before_mm);
-        let reachable = position_mm >= low_mm - POSITION_SANITY_MM
-            && position_mm <= high_mm + POSITION_SANITY_MM;
-        let torque_fits = command.torque_nm.abs() <= self.settings.motor.peak_torque_nm;
-        if !finite || !reachable || !torque_fits {
-            return Cause::BadValue;
+        self.servos.decide(scan, index, commands, roster, &plan)
+    }
+
+    /// Takes what became of its commands; the fault that it is.
+    pub fn take(&mut self, taken: &Taken, watchdog_scans: u32) -> Cause {
+        if let Taken::Command(command) = taken {
+            self.command_position = command.position;
         }
-        if command.velocity_mm_s.abs() > speed_most {
-            return Cause::SpeedLimit;
+        self.servos.take(taken, watchdog_scans)
+    }
+
+    /// The master commands it in place of its servo: to this position in this scan, in increments, and to be wanted there in the next.
+    pub fn replace_servo(&mut self, taken: &Taken, scan: u64, next: i64, velocity_mm_s: f64) {
+        let wanted = Wanted {
+            position_mm: next.saturating_sub(self.offset) as f64 * self.settings.increment_mm(),
+            velocity_mm_s,
+        };
+        let position = self.command_position;
+        self.servos
+            .replace(taken, scan, position, &self.drive, wanted);
+    }
+
+    /// One scan of its course by hand: where the servos have it in this scan.
+    pub fn step_by_hand(&mut self) {
+        if let Some(place) = self.hand.step() {
+            self.command_position = place;
         }
-        let said = Cause::from_wire(command.cause);
-        said.filter(|cause| *cause == Cause::None || cause.is_of_servo())
-            .unwrap_or(Cause::BadValue)
+    }
+
+    /// Its fault, with a code where it has one; none for a sound axis.
+    pub fn cause(&self) -> Cause {
+        self.cause
+    }
+
+    /// It has a fault, where it has none yet; whether it is this one.
+    pub fn fail(&mut self, cause: Cause) -> bool {
+        let is_first = self.cause == Cause::None;
+        if is_first {
+            self.cause = cause;
+        }
+        is_first
+    }
+
+    /// The same, with a code.
+    pub fn fail_with(&mut self, cause: Cause, code: u32) -> bool {
+        let is_first = self.fail(cause);
+        if is_first {
+            self.fault_code = code;
+        }
+        is_first
+    }
+
+    /// Its fault is forgotten.
+    pub fn clear_fault(&mut self) {
+        self.cause = Cause::None;
+        self.fault_code = 0;
+        self.servos.forgive();
+    }
+
+    /// Position of the machine less raw position of the drive, in increments.
+    pub fn offset(&self) -> i64 {
+        self.offset
+    }
+
+    /// Its positions are those of the drive and this many increments: it is commanded to be where it is.
+    pub fn count_from(&mut self, offset: i64) {
+        self.offset = offset;
+        self.command_position = self.feedback_position();
+    }
+
+    pub fn reference(&self) -> Reference {
+        self.reference
+    }
+
+    /// Whether a program may move it.
+    pub fn is_homed(&self) -> bool {
+        self.settings.homing.is_none() || self.reference == Reference::Known
+    }
+
+    pub fn set_reference(&mut self, reference: Reference) {
+        self.reference = reference;
+    }
+
+    /// Takes what the drive shows of its reference: one that it has lost is gone.
+    pub fn judge_reference(&mut self) {
+        let keeps = match self.settings.homing.map(|homing| homing.method) {
+            None => {
+                self.reference = if self.drive.referenced {
+                    Reference::Known
+                } else {
+                    Reference::Missing
+                };
+                return;
+            }
+            Some(HomingMethod::Drive) => {
+                if self.drive.referenced && self.reference == Reference::Missing {
+                    self.reference = Reference::Known;
+                }
+                self.drive.referenced
+            }
+            Some(_) => !self.drive.state.is_lost(),
+        };
+        if !keeps && self.reference == Reference::Known {
+            self.reference = Reference::Missing;
+        }
+    }
+
+    /// Its loop is opened: command position and encoder stay as far apart as they are.
+    pub fn open_loop(&mut self) {
+        self.deviation = self
+            .command_position
+            .saturating_sub(self.feedback_position());
+    }
+
+    /// Its loop is open, and the command position is at the encoder.
+    pub fn follow_encoder(&mut self) {
+        self.deviation = 0;
+    }
+
+    /// While its loop is open its command position follows the encoder.
+    pub fn follow_up(&mut self, mode: Mode) {
+        let deviation = match mode {
+            Mode::Disabled => self.deviation,
+            Mode::Tripped => 0,
+            _ if self.hand.driver() == Driver::Drive => 0,
+            _ => return,
+        };
+        self.command_position = self.feedback_position().saturating_add(deviation);
+    }
+
+    /// Whether it is within its in-position window.
+    pub fn is_in_position(&self) -> bool {
+        let off = self
+            .feedback_position()
+            .saturating_sub(self.command_position) as f64;
+        let most_mm = self.settings.in_position_window_um() * 1e-3;
+        off.abs() * self.settings.increment_mm() <= most_mm
+    }
+
+    /// What the feedback shows of it.
+    pub fn tell(&self) -> AxisFeedback {
+        let mut feedback = AxisFeedback {
+            motor_position: self.motor_position(),
+            scale_position: self.scale_position(),
+            command_position: self.command_position,
+            hand: self.hand.told(),
+            velocity_mm_s: self.drive.velocity_mm_s,
+            torque_nm: self.drive.torque_nm,
+            winding_k: self.drive.winding_rise_k,
+            cause: self.cause as u32,
+            torque_limited: u32::from(self.drive.torque_limited),
+            driver: self.hand.driver() as u32,
+            drive_code: self.fault_code,
+            reference: self.reference as u32,
+            ..AxisFeedback::zeroed()
+        };
+        self.servos.tell(&mut feedback);
+        feedback
+    }
+
+    /// State that a later scan depends on beside what is told.
+    pub fn inner(&self) -> i64 {
+        self.deviation
     }
 }

@@ -15,7 +15,6 @@ pub struct Beginning {
 impl<D: Drives> Master<D> {
     /// Takes what was chosen; of a master that replaces another one, what that one has latched counts.
     pub fn begin_with(&mut self, beginning: &Beginning) {
-        self.auxiliary.latches.single_block = u32::from(beginning.single_block);
-        self.auxiliary.latches.start_line = beginning.start_line;
+        self.auxiliary.begin_with(beginning);
     }
 }

@@ -10,20 +10,16 @@ impl<D: Drives> Master<D> {
     /// Trips a machine whose drives are on. Drives that are off stay off, also those that are being switched on; a machine that has
     /// tripped does not go on before somebody enables it.
     pub(super) fn order_emergency_stop(&mut self) -> Result<(), Refusal> {
-        self.switching_on = None;
-        match self.mode {
-            Mode::Disabled => self.cause_is_emergency_stop(),
-            Mode::Tripped if self.lost_a_servo() => self.cause_is_emergency_stop(),
-            Mode::Tripped => {}
+        self.switching_on.cancel();
+        match self.mode() {
+            Mode::Tripped if !self.modes.lost_a_servo() => {}
+            Mode::Disabled | Mode::Tripped => {
+                let cause = Cause::EmergencyStop;
+                self.modes.blame(cause, u32::MAX, self.scan);
+            }
             _ => self.trip(Cause::EmergencyStop, u32::MAX),
         }
-        self.may_end |= self.ends();
+        self.modes.let_end();
         Ok(())
-    }
-
-    fn cause_is_emergency_stop(&mut self) {
-        self.cause = Cause::EmergencyStop;
-        self.cause_axis = u32::MAX;
-        self.cause_scan = self.scan + 1;
     }
 }

@@ -10,13 +10,11 @@ use machine::{Axis, JOG_ACCELERATION_SHARE, Machine};
 
 use super::Master;
 use super::axis_unit::AxisUnit;
-use super::switch::Taken;
+use super::servos::Taken;
 use super::wheel::Wheel;
 use crate::drives::Drives;
 use crate::window_arbiter::Dropped;
 
-/// After so long at rest the program's controllers drive again, in s.
-const HAND_ON_S: f64 = 2.0;
 /// A servo may take so long until its motor has settled, in s: longer than it waits itself.
 const SETTLE_PATIENCE_S: f64 = 5.0;
 
@@ -36,17 +34,6 @@ pub(super) enum Motion {
     Homing,
     /// It comes to rest where it can.
     Stop,
-}
-
-/// What an order did by hand, for its answer.
-#[derive(Debug, Clone, Copy, Default)]
-pub(super) struct ByOrder {
-    /// What was taken of an increment or of a wheel's counts, in mm.
-    pub jogged_mm: f64,
-    /// Counts of a wheel that were taken, signed.
-    pub counts: i32,
-    /// The first axis whose motion was cut short, and where it will stand, in increments.
-    pub cut: Option<(u32, i64)>,
 }
 
 /// What a course is to do once the change under way has come.
@@ -77,8 +64,10 @@ impl HandSpeed {
 /// The hand on an axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Hand {
+    /// Controller that drives the axis.
+    driver: Driver,
     /// What moves it.
-    pub motion: Motion,
+    motion: Motion,
     course: HandCourse,
     wanted: Wanted,
     /// State of its servo's manual controller.
@@ -86,13 +75,13 @@ pub(super) struct Hand {
     /// How fast it is to go.
     speed: HandSpeed,
     /// Scan of its last increment.
-    pub clicked: u64,
+    clicked: u64,
     /// The wheel that it follows.
-    pub wheel: Wheel,
+    wheel: Wheel,
     /// Scans that its servo has been waited for.
     waited_scans: u64,
     /// Limits of acceleration and jerk, in parts of an increment and scans.
-    pub limits: JogProfile,
+    limits: JogProfile,
     /// Parts of an increment in a scan of 1 mm/s.
     step_per_mm_s: f64,
 }
@@ -109,6 +98,7 @@ impl Hand {
         let change = libm::floor(acceleration_mm_s2 * scan_s * scan_s / part_mm) as i64;
         let jerk = axis.jerk_mm_s3;
         Hand {
+            driver: Driver::Program,
             motion: Motion::None,
             course: HandCourse::at(0),
             wanted: Wanted::Nothing,
@@ -172,81 +162,97 @@ impl Hand {
     }
 }
 
-impl AxisUnit {
-    /// Whether it is moved by hand, or by its drive: not at rest in the hand.
-    pub(super) fn is_moved_by_hand(&self) -> bool {
+impl Hand {
+    /// Which controller drives the axis.
+    pub fn driver(&self) -> Driver {
+        self.driver
+    }
+
+    /// Whether the hand is on the axis.
+    pub fn is_on(&self) -> bool {
+        self.driver == Driver::Manual
+    }
+
+    pub fn motion(&self) -> Motion {
+        self.motion
+    }
+
+    pub fn limits(&self) -> &JogProfile {
+        &self.limits
+    }
+
+    /// Whether the axis is moved by hand, or by its drive: not at rest in the hand.
+    pub fn moves(&self) -> bool {
         match self.driver {
             Driver::Program => false,
-            Driver::Manual => self.hand.motion != Motion::None,
+            Driver::Manual => self.motion != Motion::None,
             Driver::Drive => true,
         }
     }
 
     /// Whether a motion by hand other than homing is on its way.
     fn is_under_way(&self) -> bool {
-        let homes = matches!(self.hand.motion, Motion::Homing | Motion::None);
-        self.driver == Driver::Manual && !homes && !self.hand.rests()
+        let homes = matches!(self.motion, Motion::Homing | Motion::None);
+        self.is_on() && !homes && !self.rests()
     }
 
-    /// Whether it stands in the hand.
-    pub(super) fn is_in_hand(&self) -> bool {
-        self.driver == Driver::Manual && self.hand.motion == Motion::None
+    /// Whether the axis stands in the hand.
+    pub fn holds(&self) -> bool {
+        self.is_on() && self.motion == Motion::None
     }
 
-    /// Where it is to end by hand, or is commanded to be, in increments.
-    pub(super) fn target(&self) -> i64 {
-        match self.driver {
-            Driver::Manual => self.hand.target(),
-            Driver::Program | Driver::Drive => self.command_position,
-        }
-    }
-
-    /// The hand takes it to a place in increments, at this share of a speed; from rest within these limits of acceleration and jerk, or
-    /// its own.
-    pub(super) fn move_by_hand(
+    /// Takes the axis from where it is commanded to be to a place in increments, at this share of a speed; from rest within these
+    /// limits of acceleration and jerk, or its own.
+    pub fn move_to(
         &mut self,
         motion: Motion,
-        goal: i64,
+        (from, goal): (i64, i64),
         (speed, share): (HandSpeed, f64),
         limits: Option<&JogProfile>,
     ) {
-        if self.driver != Driver::Manual {
+        if !self.is_on() {
             self.driver = Driver::Manual;
-            self.hand.course = HandCourse::at(self.command_position);
-            self.hand.controller = Controller::Off;
+            self.course = HandCourse::at(from);
+            self.controller = Controller::Off;
         }
-        if self.hand.course.rests() {
-            self.hand.course.limit(limits.unwrap_or(&self.hand.limits));
+        if self.course.rests() {
+            self.course.limit(limits.unwrap_or(&self.limits));
         }
-        self.hand.motion = motion;
-        self.hand.waited_scans = 0;
-        self.hand.speed = speed;
-        self.hand.wanted = Wanted::Aim(Aim {
+        self.motion = motion;
+        self.waited_scans = 0;
+        self.speed = speed;
+        self.wanted = Wanted::Aim(Aim {
             goal: fine(goal),
-            step_max: self.hand.step_max(share),
+            step_max: self.step_max(share),
         });
     }
 
-    /// What is jogged goes on at this share of its speed.
-    pub(super) fn scale_by_hand(&mut self, share: f64) {
-        let hand = &mut self.hand;
+    /// A jog goes on at this share of its speed.
+    pub fn scale(&mut self, share: f64) {
         let is_jog = matches!(
-            hand.motion,
+            self.motion,
             Motion::Increments | Motion::Held { .. } | Motion::Line
         );
-        if self.driver == Driver::Manual && is_jog && !hand.rests() {
-            hand.wanted = Wanted::Aim(Aim {
-                goal: fine(hand.target()),
-                step_max: hand.step_max(share),
+        if self.is_on() && is_jog && !self.rests() {
+            self.wanted = Wanted::Aim(Aim {
+                goal: fine(self.target()),
+                step_max: self.step_max(share),
             });
         }
     }
 
-    /// The hand brings it to rest where it can.
-    pub(super) fn rest_by_hand(&mut self) {
-        if self.driver == Driver::Manual && self.hand.motion != Motion::None {
-            self.hand.motion = Motion::Stop;
-            self.hand.wanted = if self.hand.course.rests() {
+    /// A held jog goes on until this scan at the latest.
+    pub fn renew(&mut self, new_until: u64) {
+        if let Motion::Held { until, .. } = &mut self.motion {
+            *until = new_until.max(*until);
+        }
+    }
+
+    /// The motion comes to rest where it can.
+    pub fn stop(&mut self) {
+        if self.is_on() && self.motion != Motion::None {
+            self.motion = Motion::Stop;
+            self.wanted = if self.course.rests() {
                 Wanted::Nothing
             } else {
                 Wanted::Stop
@@ -254,10 +260,21 @@ impl AxisUnit {
         }
     }
 
+    /// A search has found what it looked for: it comes to rest where it can, and another one follows.
+    pub fn stop_search(&mut self) {
+        self.stop();
+        self.motion = Motion::Homing;
+    }
+
+    /// Its motion is over.
+    pub fn end_motion(&mut self) {
+        self.motion = Motion::None;
+    }
+
     /// Where it will stand once it has braked as it is about to, in increments: the change under way comes first.
-    fn stands_by_hand(&self, scans: u32) -> i64 {
-        let mut course = self.hand.course;
-        if self.hand.wanted == Wanted::Stop {
+    fn stands_at(&self, scans: u32) -> i64 {
+        let mut course = self.course;
+        if self.wanted == Wanted::Stop {
             for _ in 0..course.changes_in.max(1) {
                 course = course.advanced();
             }
@@ -267,42 +284,124 @@ impl AxisUnit {
     }
 
     /// The program's controller drives again.
-    pub(super) fn leave_hand(&mut self) {
+    pub fn leave(&mut self) {
         self.driver = Driver::Program;
-        self.hand.motion = Motion::None;
-        self.hand.wanted = Wanted::Nothing;
-        self.hand.controller = Controller::Off;
+        self.motion = Motion::None;
+        self.wanted = Wanted::Nothing;
+        self.controller = Controller::Off;
     }
 
-    /// One scan of its course: where the servos have it in this scan.
-    pub(super) fn step_by_hand(&mut self) {
-        if self.driver == Driver::Manual {
-            self.hand.course = self.hand.course.advanced();
-            self.command_position = self.hand.course.place();
+    /// The drive holds the axis by itself.
+    pub fn give_to_drive(&mut self) {
+        self.leave();
+        self.driver = Driver::Drive;
+    }
+
+    /// The drive no longer holds the axis by itself.
+    pub fn take_from_drive(&mut self) {
+        if self.driver == Driver::Drive {
+            self.driver = Driver::Program;
         }
     }
 
-    /// Where its course is in the scan after so many, in increments.
-    pub(super) fn by_hand_in(&self, scans: usize) -> i64 {
-        let mut course = self.hand.course;
+    /// One scan of the course; where it has the axis, in increments, while the hand is on it.
+    pub fn step(&mut self) -> Option<i64> {
+        self.is_on().then(|| {
+            self.course = self.course.advanced();
+            self.course.place()
+        })
+    }
+
+    /// Where the course is in the scan after so many, in increments.
+    pub fn place_in(&self, scans: usize) -> i64 {
+        let mut course = self.course;
         for _ in 0..scans {
             course = course.advanced();
         }
         course.place()
     }
 
-    /// What its servo says of the motion.
-    pub(super) fn heed_hand(&mut self, taken: &Taken) {
+    /// What the servo says of the motion.
+    pub fn heed(&mut self, taken: &Taken) {
         if let Taken::Command(command) = taken {
-            self.hand.controller = Controller::from_wire(command.hand);
+            self.controller = Controller::from_wire(command.hand);
         }
     }
 
-    /// The course that its servos see.
-    pub(super) fn hand_course(&self) -> bus::sample::HandCourse {
-        match self.driver {
-            Driver::Manual => bytemuck::cast(self.hand.course),
-            Driver::Program | Driver::Drive => bus::sample::HandCourse::default(),
+    /// One scan of a motion by hand: a held jog that is not renewed ends, what is wanted is begun as early as the servos look ahead, in
+    /// so many scans, and what is done is over. False once the servo has been waited for too long.
+    fn step_motion(
+        &mut self,
+        scan: u64,
+        ahead_scans: u32,
+        all_follow: bool,
+        patience_scans: u64,
+    ) -> bool {
+        if matches!(self.motion, Motion::Held { until, .. } if scan >= until) {
+            self.stop();
+        }
+        // Those that begin together begin in the same scan: motors of a gantry, axes of a line.
+        let may_change = self.course.changes_in == 0 && (all_follow || !self.course.rests());
+        match self.wanted {
+            Wanted::Aim(aim) if may_change => self.course.change(aim, ahead_scans),
+            Wanted::Stop if may_change => self.course.stop(ahead_scans),
+            _ => {
+                let waits = self.motion != Motion::None && self.course.rests();
+                self.waited_scans = if waits { self.waited_scans + 1 } else { 0 };
+                if self.is_done() && self.motion != Motion::Homing {
+                    self.motion = Motion::None;
+                }
+                return self.waited_scans <= patience_scans;
+            }
+        }
+        self.wanted = Wanted::Nothing;
+        true
+    }
+
+    /// Scan of its last increment.
+    pub fn clicked(&self) -> u64 {
+        self.clicked
+    }
+
+    /// An increment came for it in this scan.
+    pub fn click(&mut self, scan: u64) {
+        self.clicked = scan;
+    }
+
+    /// It follows this wheel from now on; the one that it followed before.
+    pub fn follow_wheel(&mut self, wheel: Wheel) -> Wheel {
+        std::mem::replace(&mut self.wheel, wheel)
+    }
+
+    /// It does not follow a wheel of this session any more; of any, where none is named.
+    pub fn forget_wheel(&mut self, session: Option<u32>) {
+        if session.is_none_or(|session| self.wheel.is_of(session)) {
+            self.wheel = Wheel::default();
+        }
+    }
+
+    /// The course that the servos see.
+    pub fn told(&self) -> bus::sample::HandCourse {
+        if self.is_on() {
+            bytemuck::cast(self.course)
+        } else {
+            bus::sample::HandCourse::default()
+        }
+    }
+}
+
+impl AxisUnit {
+    /// Whether it is moved by hand, or by its drive: not at rest in the hand.
+    pub(super) fn is_moved_by_hand(&self) -> bool {
+        self.hand.moves()
+    }
+
+    /// Where it is to end by hand, or is commanded to be, in increments.
+    pub(super) fn target(&self) -> i64 {
+        if self.hand.is_on() {
+            self.hand.target()
+        } else {
+            self.command_position()
         }
     }
 }
@@ -310,10 +409,9 @@ impl AxisUnit {
 impl<D: Drives> Master<D> {
     /// Axes begin to be moved by hand: the machine leaves the path.
     pub(super) fn take_in_hand(&mut self) {
-        if self.mode != Mode::Jogging {
+        if self.mode() != Mode::Jogging {
             self.forget_cause_of_jog();
-            self.jog_from = self.mode;
-            self.mode = Mode::Jogging;
+            self.modes.begin_jog();
             self.windows.drop_all(self.scan, Dropped::LeavesPath);
         }
     }
@@ -331,55 +429,55 @@ impl<D: Drives> Master<D> {
             if !which(axis) {
                 continue;
             }
-            let moves = axis.is_under_way();
-            axis.rest_by_hand();
-            if moves && self.by_order.cut.is_none() {
-                self.by_order.cut = Some((index as u32, axis.stands_by_hand(scans)));
+            let moves = axis.hand.is_under_way();
+            axis.hand.stop();
+            if moves {
+                let place = axis.hand.stands_at(scans);
+                self.manual.note_cut(index as u32, place);
             }
         }
     }
 
     /// Contact of the probe ends all that is moved by hand, but homing.
     pub(super) fn heed_touch(&mut self) {
-        let moves = |axis: &AxisUnit| axis.is_under_way() && axis.hand.motion != Motion::Stop;
+        let moves = |axis: &AxisUnit| axis.hand.is_under_way() && axis.hand.motion != Motion::Stop;
         let moved = self.axes.iter().position(moves);
-        let Some(axis) = moved.filter(|_| self.auxiliary.questions.touched) else {
+        let Some(axis) = moved.filter(|_| self.auxiliary.questions.is_touched()) else {
             return;
         };
-        self.axes.iter_mut().for_each(AxisUnit::rest_by_hand);
+        self.axes.iter_mut().for_each(|axis| axis.hand.stop());
         // What has stopped a program for good stays to be seen.
-        if self.jog_from != Mode::Stopped || self.cause == Cause::None {
-            self.cause = Cause::ProbeJogged;
-            self.cause_axis = axis as u32;
-            self.cause_scan = self.scan + 1;
+        if self.modes.jog_from() != Mode::Stopped || self.modes.cause() == Cause::None {
+            let axis = axis as u32;
+            self.modes.blame(Cause::ProbeJogged, axis, self.scan);
         }
     }
 
     /// The probe has stopped a motion by hand: another one begins, or the program goes on.
     pub(super) fn forget_cause_of_jog(&mut self) {
-        if self.cause == Cause::ProbeJogged {
+        if self.modes.cause() == Cause::ProbeJogged {
             self.clear_causes();
         }
     }
 
     /// Whether an axis is moved by hand.
     pub(super) fn is_moved_by_hand(&self) -> bool {
-        self.homing.is_some() || self.axes.iter().any(AxisUnit::is_moved_by_hand)
+        self.manual.homes() || self.axes.iter().any(AxisUnit::is_moved_by_hand)
     }
 
     /// Whether what the hand moves on these axes has come to rest, and the motors with it.
     pub(super) fn is_done_by_hand(&self, axis: usize) -> bool {
-        self.motors_of(axis).all(|motor| {
+        self.gantries.motors_of(axis).all(|motor| {
             let axis = self.axes.get(motor);
-            axis.is_none_or(|axis| axis.driver != Driver::Manual || axis.hand.is_done())
+            axis.is_none_or(|axis| !axis.hand.is_on() || axis.hand.is_done())
         })
     }
 
     /// Scans until a change of a course takes effect: as far as the servos look ahead, and one; none where the hand is on nothing.
     fn change_scans(&self) -> Option<u32> {
-        let by_hand = |axis: &&AxisUnit| axis.driver == Driver::Manual;
-        let hands = self.axes.iter().filter(by_hand);
-        let ahead_scans = hands.map(|axis| axis.command.ahead_scans).max()?;
+        let hands = self.axes.iter().filter(|axis| axis.hand.is_on());
+        let ahead_scans = hands.map(|axis| axis.servos.command().ahead_scans);
+        let ahead_scans = ahead_scans.max()?;
         Some(ahead_scans.min(AHEAD_SCANS_MAX) + 1)
     }
 
@@ -389,39 +487,16 @@ impl<D: Drives> Master<D> {
         let Some(scans) = self.change_scans() else {
             return;
         };
-        let mut hands = self
-            .axes
-            .iter()
-            .filter(|axis| axis.driver == Driver::Manual);
+        let mut hands = self.axes.iter().filter(|axis| axis.hand.is_on());
         let all_follow = hands.all(|axis| axis.hand.controller >= Controller::Follows);
-        let patience_scans = (SETTLE_PATIENCE_S / self.scan_period_s) as u64;
+        let patience_scans = (SETTLE_PATIENCE_S / self.timing.scan_period_s) as u64;
         let mut lost = None;
-        for (index, axis) in self.axes.iter_mut().enumerate() {
-            if axis.driver != Driver::Manual {
-                continue;
-            }
-            if matches!(axis.hand.motion, Motion::Held { until, .. } if self.scan >= until) {
-                axis.rest_by_hand();
-            }
+        let axes = self.axes.iter_mut().enumerate();
+        for (index, axis) in axes.filter(|(_, axis)| axis.hand.is_on()) {
             let hand = &mut axis.hand;
-            // Those that begin together begin in the same scan: motors of a gantry, axes of a line.
-            let may_change = hand.course.changes_in == 0 && (all_follow || !hand.course.rests());
-            match hand.wanted {
-                Wanted::Aim(aim) if may_change => hand.course.change(aim, scans),
-                Wanted::Stop if may_change => hand.course.stop(scans),
-                _ => {
-                    let waits = hand.motion != Motion::None && hand.course.rests();
-                    hand.waited_scans = if waits { hand.waited_scans + 1 } else { 0 };
-                    if hand.waited_scans > patience_scans {
-                        lost = Some(index as u32);
-                    }
-                    if hand.is_done() && hand.motion != Motion::Homing {
-                        hand.motion = Motion::None;
-                    }
-                    continue;
-                }
+            if !hand.step_motion(self.scan, scans, all_follow, patience_scans) {
+                lost = Some(index as u32);
             }
-            hand.wanted = Wanted::Nothing;
         }
         if let Some(axis) = lost {
             self.trip(Cause::NotInPosition, axis);
@@ -432,18 +507,14 @@ impl<D: Drives> Master<D> {
     /// program moves anything.
     pub(super) fn leave_hands(&mut self) {
         if self.is_moved_by_hand() {
-            self.hand_on_scans = (HAND_ON_S / self.scan_period_s) as u64;
+            self.manual.stay_on(self.timing.scan_period_s);
             return;
         }
-        if self.mode == Mode::Jogging {
-            self.mode = self.jog_from;
-            self.rest_scans = 0;
-        }
-        self.hand_on_scans = self.hand_on_scans.saturating_sub(1);
+        self.modes.end_jog();
         // In a hold the planner still sends windows, which only the program's controllers execute.
-        let keeps = matches!(self.mode, Mode::Ready | Mode::Stopped | Mode::Stopping);
-        if !keeps || self.hand_on_scans == 0 {
-            self.axes.iter_mut().for_each(AxisUnit::leave_hand);
+        let keeps = matches!(self.mode(), Mode::Ready | Mode::Stopped | Mode::Stopping);
+        if !self.manual.stays_on() || !keeps {
+            self.axes.iter_mut().for_each(|axis| axis.hand.leave());
         }
     }
 }

@@ -10,6 +10,7 @@ use bus::sample::{Cause, Driver, MAX_AXES, Reference, Refused};
 use machine::{Homing as Settings, HomingMethod, INDEX_TURNS};
 
 use super::Master;
+use super::axes::Axes;
 use super::axis_unit::AxisUnit;
 use super::hand::{HandSpeed, Motion};
 use super::orders::{Refusal, whole_number};
@@ -110,38 +111,9 @@ enum Found {
 }
 
 impl AxisUnit {
-    /// Whether a program may move it.
-    pub(super) fn is_homed(&self) -> bool {
-        self.settings.homing.is_none() || self.reference == Reference::Known
-    }
-
-    /// Takes what the drive shows of its reference: one that it has lost is gone.
-    pub(super) fn judge_reference(&mut self) {
-        let keeps = match self.settings.homing.map(|homing| homing.method) {
-            None => {
-                self.reference = if self.drive.referenced {
-                    Reference::Known
-                } else {
-                    Reference::Missing
-                };
-                return;
-            }
-            Some(HomingMethod::Drive) => {
-                if self.drive.referenced && self.reference == Reference::Missing {
-                    self.reference = Reference::Known;
-                }
-                self.drive.referenced
-            }
-            Some(_) => !self.drive.state.is_lost(),
-        };
-        if !keeps && self.reference == Reference::Known {
-            self.reference = Reference::Missing;
-        }
-    }
-
     /// Position that its drive shows, in increments.
     fn raw_position(&self) -> i64 {
-        self.increments(self.drive.motor_position_mm)
+        self.increments(self.drive().motor_position_mm)
     }
 
     fn switch_is_actuated(&self, homing: &Settings, inputs: u64) -> bool {
@@ -164,7 +136,7 @@ impl AxisUnit {
                 })
             }
             Step::Edge if actuated => Found::Stop(Step::Set),
-            Step::Index { .. } if self.drive.index_mm.is_some() => Found::Stop(Step::Set),
+            Step::Index { .. } if self.drive().index_mm.is_some() => Found::Stop(Step::Set),
             Step::Index { from } if homing.method == HomingMethod::SwitchIndex => {
                 let most = self.increments(INDEX_TURNS * self.settings.lead_mm);
                 if self.raw_position().abs_diff(from) > most.unsigned_abs() {
@@ -191,20 +163,20 @@ impl AxisUnit {
         };
         let way = self.increments(self.settings.search_distance_mm());
         let end = self
-            .command_position
+            .command_position()
             .saturating_add(way.saturating_mul(sign));
         Some((speed_mm_s.min(self.settings.rapid_mm_s), end))
     }
 }
 
-impl<D: Drives> Master<D> {
+impl Axes {
     /// What must outlive this master.
     pub(super) fn homing_latches(&self) -> HomingLatches {
         let mut latches = HomingLatches::default();
-        let offsets = latches.offset.iter_mut().zip(&self.axes).enumerate();
+        let offsets = latches.offset.iter_mut().zip(self.iter()).enumerate();
         for (index, (offset, axis)) in offsets {
-            *offset = axis.offset;
-            let known = axis.reference == Reference::Known;
+            *offset = axis.offset();
+            let known = axis.reference() == Reference::Known;
             latches.homed |= u64::from(known) << index;
         }
         latches
@@ -213,29 +185,25 @@ impl<D: Drives> Master<D> {
     /// Goes on where a master before this one left. An axis that it was homing is not homed.
     pub(super) fn resume_homing(&mut self, latches: &HomingLatches) {
         let offsets = latches.offset.iter().enumerate();
-        for ((index, offset), axis) in offsets.zip(&mut self.axes) {
+        for ((index, offset), axis) in offsets.zip(self.iter_mut()) {
             let Some(homing) = axis.settings.homing else {
                 continue;
             };
-            axis.offset = *offset;
             let homed = latches.homed >> index & 1 == 1;
             if homed && homing.method != HomingMethod::Drive {
-                axis.reference = Reference::Known;
+                axis.set_reference(Reference::Known);
             }
             axis.judge_reference();
-            axis.command_position = axis.feedback_position();
+            axis.count_from(*offset);
         }
     }
+}
 
-    /// Whether every axis knows its place.
-    pub(super) fn is_homed(&self) -> bool {
-        self.axes.iter().all(AxisUnit::is_homed)
-    }
-
+impl<D: Drives> Master<D> {
     /// Homes the axes whose bits are set, or all that can be homed.
     pub(super) fn order_home(&mut self, bits: f64) -> Result<(), Refusal> {
         self.must_rest()?;
-        if self.auxiliary.latches.coupled != 0 {
+        if self.auxiliary.is_coupled() {
             return Err(Refused::InThread.into());
         }
         if self.windows.has_started() {
@@ -243,8 +211,7 @@ impl<D: Drives> Master<D> {
         }
         let all = (1u64 << self.axes.len().min(MAX_AXES)) - 1;
         let asked = whole_number(bits)?;
-        let followers = self.gantries.iter();
-        let followers = followers.fold(0u64, |bits, of| bits | 1 << of.pair.follower.min(63));
+        let followers = self.gantries.followers();
         if u64::from(asked) & (!all | followers) != 0 {
             return Err(Refused::UnknownAxis.into());
         }
@@ -252,7 +219,7 @@ impl<D: Drives> Master<D> {
             .axes
             .iter()
             .enumerate()
-            .filter(|(index, _)| !self.is_follower(*index))
+            .filter(|(index, _)| !self.gantries.is_follower(*index))
             .fold(0, |homes, (index, axis)| {
                 homes | u32::from(axis.settings.homing.is_some()) << index
             });
@@ -260,14 +227,12 @@ impl<D: Drives> Master<D> {
         if waiting == 0 || waiting & !homes != 0 {
             return Err(Refused::Absolute.into());
         }
-        if matches!(
-            self.cause,
-            Cause::HomeSwitch | Cause::HomeIndex | Cause::HomeDrive | Cause::Abort
-        ) {
-            self.cause = Cause::None;
-            self.cause_axis = u32::MAX;
-            self.cause_scan = 0;
-        }
+        self.modes.forget(&[
+            Cause::HomeSwitch,
+            Cause::HomeIndex,
+            Cause::HomeDrive,
+            Cause::Abort,
+        ]);
         self.take_in_hand();
         self.home_next(waiting);
         Ok(())
@@ -280,16 +245,16 @@ impl<D: Drives> Master<D> {
         let due = axes.filter(|(index, _)| waiting >> index & 1 == 1);
         let due = due.filter_map(|(index, axis)| Some((index, axis.settings.homing?)));
         let Some((index, homing)) = due.min_by_key(|(index, homing)| (homing.order, *index)) else {
-            self.homing = None;
+            self.manual.homing = None;
             return;
         };
-        let second = self.led_by(index).map(|pair| pair.follower);
+        let second = self.gantries.led_by(index).map(|pair| pair.follower);
         let mut leaves = false;
         for motor in [Some(index), second].into_iter().flatten() {
             let Some(axis) = self.axes.get_mut(motor) else {
                 return;
             };
-            axis.reference = Reference::Searching;
+            axis.set_reference(Reference::Searching);
             let settings = axis.settings.homing;
             leaves |= settings.is_some_and(|of| axis.switch_is_actuated(&of, inputs));
         }
@@ -305,7 +270,7 @@ impl<D: Drives> Master<D> {
             let step = self.axes.get(axis).map_or(Step::Search, first_step);
             Motor::new(axis, step)
         };
-        self.homing = Some(Homing {
+        self.manual.homing = Some(Homing {
             waiting: waiting & !(1 << index),
             motor: motor(index),
             second: second.map(motor),
@@ -320,7 +285,7 @@ impl<D: Drives> Master<D> {
     /// One scan of homing.
     pub(super) fn step_homing(&mut self) {
         let inputs = self.digital_inputs();
-        let Some(homing) = &mut self.homing else {
+        let Some(homing) = &mut self.manual.homing else {
             return;
         };
         homing.scans = homing.scans.saturating_add(1);
@@ -332,7 +297,7 @@ impl<D: Drives> Master<D> {
         let Some(settings) = axis.settings.homing else {
             return;
         };
-        let driver = axis.driver;
+        let driver = axis.hand.driver();
         let rests = driver == Driver::Manual && self.is_done_by_hand(index);
         if homing.ends {
             let stands = axis.stands();
@@ -351,7 +316,7 @@ impl<D: Drives> Master<D> {
 
     /// Begins the motion of a step, from rest.
     fn begin_step(&mut self, settings: &Settings) {
-        let Some(homing) = &mut self.homing else {
+        let Some(homing) = &mut self.manual.homing else {
             return;
         };
         (homing.begun, homing.stops, homing.scans) = (true, false, 0);
@@ -359,7 +324,7 @@ impl<D: Drives> Master<D> {
             axis: index, step, ..
         } = homing.motor;
         let search = self.axes.get(index).map(|axis| axis.search(settings, step));
-        for motor in self.motors_of(index) {
+        for motor in self.gantries.motors_of(index) {
             let Some(axis) = self.axes.get_mut(motor) else {
                 continue;
             };
@@ -370,24 +335,22 @@ impl<D: Drives> Master<D> {
                         most_mm_s: speed_mm_s,
                     };
                     // The override is of jogs alone.
-                    axis.move_by_hand(Motion::Homing, end, (speed, 1.0), None);
+                    let way = (axis.command_position(), end);
+                    axis.hand.move_to(Motion::Homing, way, (speed, 1.0), None);
                 }
-                None => {
-                    axis.leave_hand();
-                    axis.driver = Driver::Drive;
-                }
+                None => axis.hand.give_to_drive(),
             }
         }
     }
 
     /// One scan of a step that the servo drives.
     fn move_step(&mut self, rests: bool, inputs: u64) {
-        let Some(mut homing) = self.homing else {
+        let Some(mut homing) = self.manual.homing else {
             return;
         };
         if homing.stops {
             homing.begun = !rests;
-            self.homing = Some(homing);
+            self.manual.homing = Some(homing);
             return;
         }
         if homing.motor.step == Step::Rest {
@@ -416,7 +379,7 @@ impl<D: Drives> Master<D> {
                 Found::Nothing => {}
                 Found::GoOn(step) => motor.step = step,
                 Found::Stop(step) => {
-                    let index = axis.drive.index_mm.map(|mm| axis.increments(mm));
+                    let index = axis.drive().index_mm.map(|mm| axis.increments(mm));
                     motor.reference = match motor.step {
                         Step::Index { .. } => index,
                         Step::Edge => Some(axis.raw_position()),
@@ -428,7 +391,7 @@ impl<D: Drives> Master<D> {
             }
         }
         if let Some((cause, axis)) = failed {
-            self.homing = Some(homing);
+            self.manual.homing = Some(homing);
             return self.fail_homing(cause, axis);
         }
         if homing.motors().all(|motor| motor.next.is_some()) {
@@ -438,33 +401,32 @@ impl<D: Drives> Master<D> {
             homing.stops = true;
             for motor in homing.motors() {
                 if let Some(axis) = self.axes.get_mut(motor.axis) {
-                    axis.rest_by_hand();
-                    axis.hand.motion = Motion::Homing;
+                    axis.hand.stop_search();
                 }
             }
         }
-        self.homing = Some(homing);
+        self.manual.homing = Some(homing);
     }
 
     /// The motors of the axis that was homed stand in the hand.
     fn end_hands(&mut self, homing: &Homing) {
         for motor in homing.motors() {
             if let Some(axis) = self.axes.get_mut(motor.axis) {
-                axis.hand.motion = Motion::None;
+                axis.hand.end_motion();
             }
         }
     }
 
     /// One scan of a step in which the drive holds the axis or homes it.
     fn hold_step(&mut self, settings: &Settings) {
-        let patience = libm::ceil(settings.patience_s / self.scan_period_s) as u64;
-        let Some(homing) = &mut self.homing else {
+        let patience = libm::ceil(settings.patience_s / self.timing.scan_period_s) as u64;
+        let Some(homing) = &mut self.manual.homing else {
             return;
         };
         let index = homing.motor.axis;
         if homing.motor.step == Step::Drive {
             let axis = self.axes.get(index);
-            if axis.is_some_and(|axis| axis.drive.referenced) {
+            if axis.is_some_and(|axis| axis.drive().referenced) {
                 homing.motor.step = Step::Set;
                 homing.scans = 0;
             } else if homing.scans > patience {
@@ -484,14 +446,14 @@ impl<D: Drives> Master<D> {
             self.auxiliary.latched();
             return;
         }
-        let Some(homing) = &mut self.homing else {
+        let Some(homing) = &mut self.manual.homing else {
             return;
         };
         let mut rests = false;
         for motor in homing.motors_mut() {
             if let Some(axis) = self.axes.get_mut(motor.axis) {
-                axis.reference = Reference::Known;
-                axis.driver = Driver::Program;
+                axis.set_reference(Reference::Known);
+                axis.hand.take_from_drive();
                 motor.step = Step::Rest;
                 rests |= axis.settings.rest_mm().is_some();
             }
@@ -506,7 +468,7 @@ impl<D: Drives> Master<D> {
 
     /// Gives the motors the places that they have found; false once that is done.
     fn set_references(&mut self) -> bool {
-        let Some(homing) = &mut self.homing else {
+        let Some(homing) = &mut self.manual.homing else {
             return false;
         };
         let mut sets = false;
@@ -519,8 +481,7 @@ impl<D: Drives> Master<D> {
                 .settings
                 .homing
                 .map_or(0.0, |homing| homing.position_mm);
-            axis.offset = axis.increments(position_mm).saturating_sub(reference);
-            axis.command_position = axis.feedback_position();
+            axis.count_from(axis.increments(position_mm).saturating_sub(reference));
             sets = true;
         }
         if sets {
@@ -531,15 +492,13 @@ impl<D: Drives> Master<D> {
 
     /// What was looked for is not there: the axis comes to rest, and whoever ordered it sees why.
     fn fail_homing(&mut self, cause: Cause, axis: u32) {
-        self.cause = cause;
-        self.cause_axis = axis;
-        self.cause_scan = self.scan + 1;
+        self.modes.blame(cause, axis, self.scan);
         self.rest_all_by_hand();
     }
 
     /// The axis that is being homed is to come to rest, and is not homed then.
     pub(super) fn end_homing(&mut self) {
-        if let Some(homing) = &mut self.homing {
+        if let Some(homing) = &mut self.manual.homing {
             homing.ends = true;
             homing.scans = 0;
         }
@@ -547,17 +506,14 @@ impl<D: Drives> Master<D> {
 
     /// It is not homed, whatever it was before; on its way to where it is to stand it is.
     pub(super) fn give_up_homing(&mut self) {
-        let Some(homing) = self.homing.take() else {
+        let Some(homing) = self.manual.homing.take() else {
             return;
         };
         self.end_hands(&homing);
         for motor in homing.motors().filter(|motor| motor.step != Step::Rest) {
             if let Some(axis) = self.axes.get_mut(motor.axis) {
-                axis.driver = match axis.driver {
-                    Driver::Drive => Driver::Program,
-                    driver => driver,
-                };
-                axis.reference = Reference::Missing;
+                axis.hand.take_from_drive();
+                axis.set_reference(Reference::Missing);
                 axis.judge_reference();
             }
         }

@@ -2,8 +2,7 @@
 
 use bus::sample::{Driver, Mode, WindowId};
 
-use super::decide::SAME_SCANS;
-use super::{Master, RunEnd};
+use super::Master;
 use crate::drives::Drives;
 
 /// What a later scan depends on beside the feedback, the latches and the drives. Counts that only report are left out, and a count
@@ -48,30 +47,32 @@ pub struct InnerAxis {
 impl<D: Drives> Master<D> {
     /// What it remembers beside what it shows.
     pub fn inner(&self) -> Inner {
-        let by_hand = self.axes.iter().any(|axis| axis.driver != Driver::Program);
+        let by_hand = self
+            .axes
+            .iter()
+            .any(|axis| axis.hand.driver() != Driver::Program);
+        let (settled_scans, rest_scans, ends) = self.modes.inner();
         Inner {
             pending: self.windows.pending(),
-            settled_scans: [self.settled_scans, self.waited_scans],
-            rest_scans: self.rest_scans.min(self.rest_scans_min),
-            switching_on: self.switching_on.map(|on| (on.scans, on.hold, on.at_start)),
-            by_hand: by_hand.then_some((self.jog_from, self.hand_on_scans)),
-            ends: [
-                self.may_end,
-                self.ordered_to_end,
-                self.run_end == RunEnd::AfterProgram,
-                self.last,
-            ],
-            planner_silent_scans: self.planner_silent_scans.min(self.planner_patience_scans()),
+            settled_scans,
+            rest_scans,
+            switching_on: self.switching_on.inner(),
+            by_hand: by_hand.then_some((self.modes.jog_from(), self.manual.inner())),
+            ends,
+            planner_silent_scans: self.losses.inner(),
             axes: self
                 .axes
                 .iter()
-                .map(|axis| InnerAxis {
-                    switch: (axis.switch.role, axis.switch.same_scans.min(SAME_SCANS)),
-                    followed: axis.followed,
-                    silent: axis.silent,
-                    deviation: axis.deviation,
-                    hand: axis.hand.inner(self.scan),
-                    pending: axis.command.pending,
+                .map(|axis| {
+                    let (switch, followed, silent, pending) = axis.servos.inner();
+                    InnerAxis {
+                        switch,
+                        followed,
+                        silent,
+                        deviation: axis.inner(),
+                        hand: axis.hand.inner(self.scan),
+                        pending,
+                    }
                 })
                 .collect(),
         }

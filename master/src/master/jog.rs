@@ -1,7 +1,7 @@
 //! Jogs: by an increment, and held by somebody who renews the order. Who gave a held jog and is dead, stopped or cut off moves nothing
 //! any more: the axis comes to rest. Deadlines are scans, so that no clock has to agree with another one.
 
-use bus::sample::{MAX_AXES, Mode, OVERRIDE_MAX_PERCENT, OperatorRequest, Refused};
+use bus::sample::{MAX_AXES, Mode, OperatorRequest, Refused};
 use loops::hand_course::fine;
 use loops::jog::JogProfile;
 use machine::AxisKind;
@@ -95,7 +95,7 @@ impl Line {
         if way == 0 {
             return;
         }
-        let limits = &unit.hand.limits;
+        let limits = unit.hand.limits();
         let most_mm_s = unit.speed_by_hand(unit.settings.rapid_mm_s);
         self.most = self.most.min(most_mm_s / way_mm.abs());
         self.usual = self.usual.min(usual_mm_s / way_mm.abs());
@@ -152,7 +152,7 @@ impl AxisUnit {
     /// Places where a jog may end, in increments; from outside the travel, to the far end and no farther out. Nobody knows where the
     /// travel of an axis that is not homed is: it may go as far as that is long.
     pub(super) fn reach(&self) -> (i64, i64) {
-        let here = self.command_position;
+        let here = self.command_position();
         if !self.is_homed() {
             let travel_mm = self.settings.travel_max_mm - self.settings.travel_min_mm;
             let travel = self.increments(travel_mm);
@@ -169,10 +169,8 @@ impl<D: Drives> Master<D> {
     /// One that is numbered (its session is not 0) counts once, however often it comes, and is cut at the end of the travel.
     pub(super) fn order_jog(&mut self, request: &OperatorRequest) -> Result<(), Refusal> {
         let numbered = request.session != 0;
-        if self
-            .numbered
-            .was_taken(request.session, request.deadline_scans)
-        {
+        let (session, number) = (request.session, request.deadline_scans);
+        if self.manual.numbered.was_taken(session, number) {
             return Ok(());
         }
         let unit = self.unit_to_jog(request.axis, true)?;
@@ -194,20 +192,21 @@ impl<D: Drives> Master<D> {
             return Err(Refused::TravelEnd.into());
         }
         let target = from.saturating_add(way);
-        let left_mm = target.saturating_sub(unit.command_position) as f64 * increment_mm;
-        let most_mm = request.value.abs() + BACKLOG_S * speed.at(self.jog_share());
+        let left_mm = target.saturating_sub(unit.command_position()) as f64 * increment_mm;
+        let most_mm = request.value.abs() + BACKLOG_S * speed.at(self.auxiliary.jog_share());
         if unit.is_moved_by_hand() && left_mm.abs() > most_mm {
             return Err(Refused::Backlog.into());
         }
         let turning_s = self.turning_s(unit).filter(|_| numbered);
-        self.numbered.take(request.session, request.deadline_scans);
+        self.manual.numbered.take(session, number);
         self.move_by_increments(request.axis as usize, way, speed, turning_s);
         Ok(())
     }
 
     /// Time since the increment before, where this one goes on with it, in s.
     pub(super) fn turning_s(&self, unit: &AxisUnit) -> Option<f64> {
-        let since_s = self.scan.saturating_sub(unit.hand.clicked) as f64 * self.scan_period_s;
+        let since_s =
+            self.scan.saturating_sub(unit.hand.clicked()) as f64 * self.timing.scan_period_s;
         let turns = unit.is_moved_by_hand() && since_s > 0.0 && since_s <= TURNING_S;
         turns.then_some(since_s)
     }
@@ -225,20 +224,20 @@ impl<D: Drives> Master<D> {
         };
         let increment_mm = unit.settings.increment_mm();
         let target = unit.target().saturating_add(way);
-        let left = target.saturating_sub(unit.command_position);
+        let left = target.saturating_sub(unit.command_position());
         let left_mm = left as f64 * increment_mm;
         if let Some(since_s) = turning_s.filter(|_| left.signum() == way.signum()) {
             speed.most_mm_s = speed.most_mm_s.min(left_mm.abs() / (2.0 * since_s));
         }
         self.jog_to(index, Motion::Increments, target, speed, None);
-        self.by_order.jogged_mm = way as f64 * increment_mm;
+        self.manual.note_jogged(way as f64 * increment_mm);
         self.note_increment(index);
     }
 
     /// An increment came for this axis.
     pub(super) fn note_increment(&mut self, index: usize) {
         if let Some(unit) = self.axes.get_mut(index) {
-            unit.hand.clicked = self.scan;
+            unit.hand.click(self.scan);
         }
     }
 
@@ -251,15 +250,15 @@ impl<D: Drives> Master<D> {
             }
             let axis = index as u32;
             let unit = self.unit_to_jog(axis, false)?;
-            let way = unit.way_of_jog(axis, *way_mm, unit.command_position)?;
+            let way = unit.way_of_jog(axis, *way_mm, unit.command_position())?;
             let usual_mm_s = match request.speed_mm_s {
-                0.0 => self.jog_mm_s,
+                0.0 => self.manual.jog_mm_s(),
                 _ => f64::INFINITY,
             };
             line.take(unit, way, usual_mm_s);
         }
         let along_mm_s = match request.speed_mm_s {
-            0.0 => self.jog_mm_s,
+            0.0 => self.manual.jog_mm_s(),
             speed if speed >= JOG_MM_S_MIN => speed,
             _ => return Err(Refused::BadValue.into()),
         };
@@ -268,7 +267,7 @@ impl<D: Drives> Master<D> {
                 continue;
             };
             let way = unit.increments(*way_mm);
-            let target = unit.command_position.saturating_add(way);
+            let target = unit.command_position().saturating_add(way);
             let (speed, limits) = line.of_axis(unit, way, along_mm_s);
             self.jog_to(index, Motion::Line, target, speed, Some(&limits));
         }
@@ -285,7 +284,7 @@ impl<D: Drives> Master<D> {
         }
         let (low, high) = unit.reach();
         let target = if direction > 0.0 { high } else { low };
-        if target == unit.command_position {
+        if target == unit.command_position() {
             return Err(Refused::TravelEnd.into());
         }
         let motion = Motion::Held {
@@ -300,13 +299,13 @@ impl<D: Drives> Master<D> {
     /// Renews the jogs of this session, at another speed if the order has one; without a deadline they come to rest, and so does what
     /// goes by increments that the session has given.
     pub(super) fn order_jog_renew(&mut self, request: &OperatorRequest) -> Result<(), Refusal> {
-        if request.deadline_scans == 0 && self.numbered.knows(request.session) {
-            let by_increments = |axis: &AxisUnit| axis.hand.motion == Motion::Increments;
+        if request.deadline_scans == 0 && self.manual.numbered.knows(request.session) {
+            let by_increments = |axis: &AxisUnit| axis.hand.motion() == Motion::Increments;
             self.cut_by_hand(by_increments);
             return Ok(());
         }
-        let of_session = |axis: &AxisUnit| matches!(axis.hand.motion, Motion::Held { session, .. } if session == request.session);
-        if self.mode != Mode::Jogging || !self.axes.iter().any(of_session) {
+        let of_session = |axis: &AxisUnit| matches!(axis.hand.motion(), Motion::Held { session, .. } if session == request.session);
+        if self.mode() != Mode::Jogging || !self.axes.iter().any(of_session) {
             return Err(Refused::JogOver.into());
         }
         let new_until = self.jog_until(request)?;
@@ -319,18 +318,16 @@ impl<D: Drives> Master<D> {
         for (index, speed) in speeds.iter_mut().enumerate() {
             let axis = index as u32;
             let renews = self.axes.get(index).is_some_and(of_session);
-            if renews && request.speed_mm_s != 0.0 && !self.is_follower(index) {
+            if renews && request.speed_mm_s != 0.0 && !self.gantries.is_follower(index) {
                 *speed = Some(self.jog_speed(&OperatorRequest { axis, ..*request })?);
             }
         }
         for axis in self.axes.iter_mut().filter(|axis| of_session(axis)) {
-            if let Motion::Held { until, .. } = &mut axis.hand.motion {
-                *until = new_until.max(*until);
-            }
+            axis.hand.renew(new_until);
         }
         for (index, speed) in speeds.into_iter().enumerate() {
             if let Some((axis, speed)) = self.axes.get(index).zip(speed) {
-                let (motion, target) = (axis.hand.motion, axis.target());
+                let (motion, target) = (axis.hand.motion(), axis.target());
                 self.jog_to(index, motion, target, speed, None);
             }
         }
@@ -340,7 +337,7 @@ impl<D: Drives> Master<D> {
     /// The last scan of a held jog that nobody renews. An order names it, counted from what its sender has seen: what is on the way for
     /// long moves nothing for long.
     fn jog_until(&self, request: &OperatorRequest) -> Result<u64, Refusal> {
-        let most = libm::ceil(DEADLINE_MAX_S / self.scan_period_s) as u32;
+        let most = libm::ceil(DEADLINE_MAX_S / self.timing.scan_period_s) as u32;
         if request.deadline_scans > most {
             return Err(Refused::BadValue.into());
         }
@@ -354,24 +351,26 @@ impl<D: Drives> Master<D> {
     /// The axis that an order is to jog, where one may be jogged.
     pub(super) fn unit_to_jog(&self, axis: u32, by_increment: bool) -> Result<&AxisUnit, Refusal> {
         let unit = self.axes.get(axis as usize);
-        let unit = unit.filter(|_| !self.is_follower(axis as usize));
-        let ends = |axis: &AxisUnit| axis.hand.motion == Motion::Stop;
-        let others_end = self.homing.is_some() || self.axes.iter().any(ends);
-        match (self.mode, unit) {
+        let unit = unit.filter(|_| !self.gantries.is_follower(axis as usize));
+        let ends = |axis: &AxisUnit| axis.hand.motion() == Motion::Stop;
+        let others_end = self.manual.homes() || self.axes.iter().any(ends);
+        match (self.mode(), unit) {
             (Mode::Jogging, Some(unit)) if !others_end => {
-                let adds_up = by_increment && unit.hand.motion == Motion::Increments;
+                let adds_up = by_increment && unit.hand.motion() == Motion::Increments;
                 if unit.is_moved_by_hand() && !adds_up {
                     return Err(Refused::Jogging.into());
                 }
             }
-            (_, Some(_)) if self.axes.iter().any(AxisUnit::is_in_hand) => match self.must_rest() {
-                // While the hand is on, the next motion may begin at once.
-                Err(refusal) if refusal.reason == Refused::NotAtRest && self.is_idle() => {}
-                judged => judged?,
-            },
+            (_, Some(_)) if self.axes.iter().any(|axis| axis.hand.holds()) => {
+                match self.must_rest() {
+                    // While the hand is on, the next motion may begin at once.
+                    Err(refusal) if refusal.reason == Refused::NotAtRest && self.is_idle() => {}
+                    judged => judged?,
+                }
+            }
             _ => self.must_rest()?,
         }
-        if self.auxiliary.latches.coupled != 0 {
+        if self.auxiliary.is_coupled() {
             return Err(Refused::InThread.into());
         }
         Ok(unit.ok_or(Refused::UnknownAxis)?)
@@ -383,7 +382,7 @@ impl<D: Drives> Master<D> {
         let unit = unit.ok_or(Refused::UnknownAxis)?;
         let most_mm_s = unit.settings.rapid_mm_s;
         let full_mm_s = match request.speed_mm_s {
-            0.0 => self.jog_mm_s.min(most_mm_s),
+            0.0 => self.manual.jog_mm_s().min(most_mm_s),
             speed if (JOG_MM_S_MIN..=most_mm_s).contains(&speed) => speed,
             _ => {
                 return Err(Refusal {
@@ -401,19 +400,11 @@ impl<D: Drives> Master<D> {
 
     /// Scales the speeds of all jogs, those under way too; 0 rests, and what was begun goes on from there later.
     pub(super) fn order_jog_override(&mut self, percent: f64) -> Result<(), Refusal> {
-        if !(0.0..=f64::from(OVERRIDE_MAX_PERCENT)).contains(&percent) {
-            return Err(Refused::BadValue.into());
-        }
-        self.auxiliary.latches.jog_override_percent = percent as u32;
-        let share = self.jog_share();
+        self.auxiliary.override_jogs(percent)?;
+        let share = self.auxiliary.jog_share();
         let axes = self.axes.iter_mut();
-        axes.for_each(|axis| axis.scale_by_hand(share));
+        axes.for_each(|axis| axis.hand.scale(share));
         Ok(())
-    }
-
-    /// Share of their speed that jogs are made at.
-    pub(super) fn jog_share(&self) -> f64 {
-        f64::from(self.auxiliary.latches.jog_override_percent) / 100.0
     }
 
     /// The hand takes an axis to a place in increments, with both motors of a gantry.
@@ -425,10 +416,11 @@ impl<D: Drives> Master<D> {
         speed: HandSpeed,
         limits: Option<&JogProfile>,
     ) {
-        let share = self.jog_share();
-        for motor in self.motors_of(axis) {
+        let share = self.auxiliary.jog_share();
+        for motor in self.gantries.motors_of(axis) {
             if let Some(unit) = self.axes.get_mut(motor) {
-                unit.move_by_hand(motion, target, (speed, share), limits);
+                let way = (unit.command_position(), target);
+                unit.hand.move_to(motion, way, (speed, share), limits);
             }
         }
         self.take_in_hand();

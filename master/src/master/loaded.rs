@@ -1,35 +1,21 @@
 //! Programs of a cell that stays up: loaded, started, done, discarded.
 
-use bus::sample::{Cause, MODES_RESET, Mode, OperatorRequest, ProgramState, Refused};
+use bus::sample::{Cause, Mode, OperatorRequest, ProgramState, Refused};
 
 use crate::drives::Drives;
 
+use super::Master;
 use super::orders::{Refusal, whole_number};
 use super::program::TypedBlocks;
-use super::{Master, RunEnd};
 
 impl<D: Drives> Master<D> {
-    /// Whether the cell ends once the machine is.
-    pub(super) fn ends(&self) -> bool {
-        self.run_end == RunEnd::AfterProgram
-    }
-
-    /// The mode with drives on and no program started.
-    pub(super) fn idle_mode(&self) -> Mode {
-        if self.ends() {
-            Mode::Stopped
-        } else {
-            Mode::Ready
-        }
-    }
-
     /// Takes another program; one that was started and is stopped is discarded.
     pub(super) fn order_load(&mut self, request: &OperatorRequest) -> Result<(), Refusal> {
         self.must_stay()?;
         if request.session != 0 {
             return self.order_typed_blocks(request);
         }
-        match self.mode {
+        match self.mode() {
             Mode::Ready | Mode::Stopped | Mode::Disabled => {}
             Mode::Enabled => return Err(Refused::Running.into()),
             Mode::Stopping | Mode::Finished => return Err(Refused::NotAtRest.into()),
@@ -41,12 +27,11 @@ impl<D: Drives> Master<D> {
         if number <= self.program.load {
             return Err(Refused::BadValue.into());
         }
-        if self.mode == Mode::Stopped {
-            self.mode = Mode::Ready;
+        if self.mode() == Mode::Stopped {
+            self.modes.enter(Mode::Ready);
         }
         if self.program.is_running() {
-            self.auxiliary.latches.modes_of_run = MODES_RESET;
-            self.auxiliary.latches.end_program();
+            self.auxiliary.discard_program();
         }
         self.read_program(number, None);
         Ok(())
@@ -93,11 +78,11 @@ impl<D: Drives> Master<D> {
         if self.program.typed.is_none() {
             return;
         }
-        match (self.program.state, self.mode) {
+        match (self.program.state, self.mode()) {
             (ProgramState::Loading, Mode::Ready) => {}
             (ProgramState::Loaded, _) if self.may_begin().is_ok() => self.begin_program(0),
             (ProgramState::Running, Mode::Disabled) => self.leave_typed_blocks(),
-            (ProgramState::Running, Mode::Tripped) if self.settled_scans > self.settle_scans => {
+            (ProgramState::Running, Mode::Tripped) if self.modes.has_settled() => {
                 self.leave_typed_blocks();
             }
             (ProgramState::Running, _) => {}
@@ -133,9 +118,9 @@ impl<D: Drives> Master<D> {
 
     /// Whether the machine is ready for a program.
     fn may_begin(&self) -> Result<(), Refusal> {
-        let refused = match self.mode {
-            Mode::Ready if !self.is_homed() => Refused::NotReferenced,
-            Mode::Ready if !self.is_within_travel() => Refused::OutsideTravel,
+        let refused = match self.mode() {
+            Mode::Ready if !self.axes.are_homed() => Refused::NotReferenced,
+            Mode::Ready if !self.axes.are_within_travel() => Refused::OutsideTravel,
             Mode::Ready => return Ok(()),
             Mode::Enabled | Mode::Stopping | Mode::Stopped => Refused::Running,
             Mode::Finished => Refused::NotAtRest,
@@ -151,11 +136,10 @@ impl<D: Drives> Master<D> {
         self.windows.forget_path(self.scan);
         self.auxiliary.forget_program(self.scan);
         self.forget_program_cause();
-        self.auxiliary.latches.start_line = line;
+        self.auxiliary.seek_line(line);
         self.program.state = ProgramState::Running;
         self.program.run = self.program.run.saturating_add(1);
-        self.waited_scans = 0;
-        self.mode = Mode::Enabled;
+        self.modes.enable();
     }
 
     /// Gives up what is left of the program, which is loaded then, from its beginning; axes and drives stay as they are, and no hold is
@@ -167,20 +151,19 @@ impl<D: Drives> Master<D> {
             ProgramState::Loading => return Err(Refused::Loading.into()),
             ProgramState::Loaded | ProgramState::Running | ProgramState::Done => {}
         }
-        match self.mode {
+        match self.mode() {
             Mode::Tripped => self.acknowledge(true)?,
             Mode::Disabled => {}
             _ => self.must_rest()?,
         }
-        if matches!(self.mode, Mode::Enabled | Mode::Stopped) {
-            self.mode = Mode::Ready;
+        if matches!(self.mode(), Mode::Enabled | Mode::Stopped) {
+            self.modes.enter(Mode::Ready);
         }
-        self.hold = false;
+        self.modes.release();
         self.windows.forget_path(self.scan);
         self.auxiliary.forget_program(self.scan);
-        self.auxiliary.latches.end_program();
-        self.auxiliary.latches.modes_of_run = MODES_RESET;
-        if self.mode == Mode::Ready {
+        self.auxiliary.discard_program();
+        if self.mode() == Mode::Ready {
             self.clear_causes();
         }
         if matches!(
@@ -196,10 +179,9 @@ impl<D: Drives> Master<D> {
     /// Comes to rest, on the path or where a jog is, then ends the run, also that of a cell that stays up: it was ordered to, or the
     /// launcher is gone. Nothing takes that back.
     pub fn end_after_stop(&mut self) {
-        self.run_end = RunEnd::AfterProgram;
-        self.ordered_to_end = true;
-        if self.mode == Mode::Ready {
-            self.mode = Mode::Stopped;
+        self.modes.order_end();
+        if self.mode() == Mode::Ready {
+            self.modes.enter(Mode::Stopped);
         }
         self.stop();
     }
@@ -207,45 +189,37 @@ impl<D: Drives> Master<D> {
     /// The program is done, or has given itself up: the machine is ready for it again, from its beginning, or for another one. Why it was
     /// given up is shown until one begins. A program that was stopped otherwise stays where it is; typed-in blocks are given up.
     pub(super) fn leave_program(&mut self) {
-        let done = self.mode == Mode::Finished;
-        if !done && self.cause != Cause::Abort && self.program.typed.is_none() {
+        let done = self.mode() == Mode::Finished;
+        if !done && self.modes.cause() != Cause::Abort && self.program.typed.is_none() {
             return;
         }
         self.windows.forget_path(self.scan);
-        let latches = &mut self.auxiliary.latches;
-        if done && self.program.leaves_spindle() {
-            latches.leave_path();
+        if done {
+            let leaves_spindle = self.program.leaves_spindle();
+            self.auxiliary.end_run(self.program.run, leaves_spindle);
+            self.program.state = ProgramState::Done;
         } else {
-            latches.end_program();
+            self.auxiliary.discard_program();
+            self.program.state = ProgramState::Loaded;
         }
-        (latches.modes_of_run, self.program.state) = if done {
-            (self.program.run, ProgramState::Done)
-        } else {
-            (MODES_RESET, ProgramState::Loaded)
-        };
         if self.program.typed.is_some() {
             // It was for them.
-            self.hold = false;
+            self.modes.release();
         }
         self.program.end_typed_blocks();
-        if matches!(self.mode, Mode::Finished | Mode::Stopped) {
-            self.mode = Mode::Ready;
+        if matches!(self.mode(), Mode::Finished | Mode::Stopped) {
+            self.modes.enter(Mode::Ready);
         }
     }
 
     /// The program before could not go on, or has given itself up: another one, or the same once more, can.
     fn forget_program_cause(&mut self) {
-        if matches!(
-            self.cause,
-            Cause::Planner | Cause::Abort | Cause::ProbeJogged
-        ) {
-            self.cause = Cause::None;
-            self.cause_scan = 0;
-        }
+        self.modes
+            .forget(&[Cause::Planner, Cause::Abort, Cause::ProbeJogged]);
     }
 
     fn must_stay(&self) -> Result<(), Refusal> {
-        if self.ends() {
+        if self.modes.ends() {
             return Err(Refused::OneProgram.into());
         }
         Ok(())

@@ -8,7 +8,6 @@ use crate::drives::Drives;
 
 use super::Master;
 use super::axis_unit::AxisUnit;
-use super::hand::ByOrder;
 use crate::window_arbiter::Dropped;
 
 /// Orders that a cell which is about to end takes no more: they would keep it from ending.
@@ -69,16 +68,18 @@ impl From<Refused> for Refusal {
 impl AxisUnit {
     /// Whether a program may move it.
     pub(super) fn is_within_travel(&self) -> bool {
-        !self.is_homed() || self.settings.may_stand_at(self.command_position)
+        !self.is_homed() || self.settings.may_stand_at(self.command_position())
     }
 }
 
 impl<D: Drives> Master<D> {
     /// Judges an order; what is latched shows in the next feedback.
     pub fn order(&mut self, request: &OperatorRequest) -> OperatorResponse {
-        self.by_order = ByOrder::default();
+        self.manual.begin_order();
         let judged = match Order::from_wire(request.order) {
-            Some(order) if self.ordered_to_end && moves(order) => Err(Refused::Ending.into()),
+            Some(order) if self.modes.is_ordered_to_end() && moves(order) => {
+                Err(Refused::Ending.into())
+            }
             Some(_) if request.latest_scan != 0 && self.scan > request.latest_scan => {
                 Err(Refused::TooLate.into())
             }
@@ -99,11 +100,11 @@ impl<D: Drives> Master<D> {
             Some(Order::Home) => self.order_home(request.value),
             Some(Order::Load) => self.order_load(request),
             Some(Order::Start) => self.order_start(request.session, request.value),
-            Some(Order::OptionalStop) => self.order_optional_stop(request.value),
-            Some(Order::RapidOverride) => self.order_rapid_override(request.value),
+            Some(Order::OptionalStop) => self.auxiliary.switch_optional_stop(request.value),
+            Some(Order::RapidOverride) => self.auxiliary.override_rapids(request.value),
             Some(Order::JogOverride) => self.order_jog_override(request.value),
             Some(Order::Reset) => self.order_reset(),
-            Some(Order::SingleBlock) => self.order_single_block(request.value),
+            Some(Order::SingleBlock) => self.auxiliary.switch_single_block(request.value),
             Some(Order::Down) => {
                 self.end_after_stop();
                 Ok(())
@@ -118,32 +119,33 @@ impl<D: Drives> Master<D> {
             Ok(()) => Refused::Not.into(),
             Err(refusal) => refusal,
         };
-        let cut = self.by_order.cut;
+        let by_order = self.manual.by_order();
+        let cut = by_order.cut;
         OperatorResponse {
             scan: self.scan,
-            jogged_mm: self.by_order.jogged_mm,
+            jogged_mm: by_order.jogged_mm,
             rests: cut.map_or(0, |(_, place)| place),
             allowed_min_mm: allowed_mm.0,
             allowed_max_mm: allowed_mm.1,
             accepted: u32::from(reason == Refused::Not),
-            mode: self.mode as u32,
+            mode: self.mode() as u32,
             reason: reason as u32,
-            hold: u32::from(self.hold),
-            override_percent: self.override_percent,
+            hold: u32::from(self.modes.is_held()),
+            override_percent: self.modes.override_percent(),
             run: self.program.run,
             axis: cut.map_or(axis, |(axis, _)| axis),
-            counts: self.by_order.counts,
+            counts: by_order.counts,
             cut: u32::from(cut.is_some()),
             reserved: 0,
         }
     }
 
     fn order_stop(&mut self) -> Result<(), Refusal> {
-        if self.mode == Mode::Ready {
-            self.auxiliary.latches.end_program();
+        if self.mode() == Mode::Ready {
+            self.auxiliary.end_program();
             self.program.end_typed_blocks();
         }
-        if self.stop() || !self.ends() {
+        if self.stop() || !self.modes.ends() {
             return Ok(());
         }
         Err(Refused::Finished.into())
@@ -152,25 +154,24 @@ impl<D: Drives> Master<D> {
     /// Comes to rest, on the path or where a jog is: no further window is admitted. False where there is nothing to
     /// stop. A machine without drives is at rest, one that has tripped will be; their run may end.
     pub fn stop(&mut self) -> bool {
-        match self.mode {
+        match self.mode() {
             Mode::Enabled => {
-                self.mode = if self.windows.has_window() {
+                self.modes.enter(if self.windows.has_window() {
                     Mode::Stopping
                 } else {
                     Mode::Stopped
-                };
+                });
                 true
             }
             Mode::Jogging => {
                 self.rest_all_by_hand();
-                self.mode = Mode::Stopping;
+                self.modes.enter(Mode::Stopping);
                 true
             }
             Mode::Disabled | Mode::Tripped => {
-                self.switching_on = None;
-                self.may_end = self.ends();
+                self.switching_on.cancel();
                 // A servo that comes back must not set off what was ordered to stop.
-                self.hold |= !self.ends();
+                self.modes.stop_standing();
                 true
             }
             Mode::Stopping | Mode::Stopped | Mode::Ready => true,
@@ -179,37 +180,39 @@ impl<D: Drives> Master<D> {
     }
 
     fn order_hold(&mut self) -> Result<(), Refusal> {
-        match self.mode {
+        match self.mode() {
             Mode::Tripped => Err(Refused::Tripped.into()),
             Mode::Finished => Err(Refused::Finished.into()),
             Mode::Jogging => {
                 self.rest_all_by_hand();
-                self.hold = true;
+                self.modes.hold();
                 Ok(())
             }
             Mode::Disabled | Mode::Enabled | Mode::Stopping | Mode::Stopped | Mode::Ready => {
-                self.hold = true;
+                self.modes.hold();
                 Ok(())
             }
         }
     }
 
     fn order_resume(&mut self) -> Result<(), Refusal> {
-        let outside = !self.is_within_travel();
-        match self.mode {
-            Mode::Enabled | Mode::Ready | Mode::Stopped | Mode::Tripped if !self.is_homed() => {
+        let outside = !self.axes.are_within_travel();
+        match self.mode() {
+            Mode::Enabled | Mode::Ready | Mode::Stopped | Mode::Tripped
+                if !self.axes.are_homed() =>
+            {
                 return Err(Refused::NotReferenced.into());
             }
             Mode::Enabled | Mode::Ready | Mode::Stopped | Mode::Tripped if outside => {
                 return Err(Refused::OutsideTravel.into());
             }
             Mode::Enabled => {}
-            Mode::Ready if !self.hold => return Err(Refused::NotRunning.into()),
+            Mode::Ready if !self.modes.is_held() => return Err(Refused::NotRunning.into()),
             Mode::Ready => {}
-            Mode::Stopped if !matches!(self.cause, Cause::None | Cause::ProbeJogged) => {
+            Mode::Stopped if !matches!(self.modes.cause(), Cause::None | Cause::ProbeJogged) => {
                 return Err(Refused::Faulted.into());
             }
-            Mode::Stopped => self.mode = Mode::Enabled,
+            Mode::Stopped => self.modes.enter(Mode::Enabled),
             Mode::Stopping => return Err(Refused::NotAtRest.into()),
             Mode::Jogging => return Err(Refused::Jogging.into()),
             Mode::Disabled => return Err(Refused::DrivesOff.into()),
@@ -220,39 +223,23 @@ impl<D: Drives> Master<D> {
             Mode::Finished => return Err(Refused::Finished.into()),
         }
         self.forget_cause_of_jog();
-        self.hold = false;
+        self.modes.release();
         self.auxiliary.end_stop();
         Ok(())
     }
 
-    fn order_optional_stop(&mut self, value: f64) -> Result<(), Refusal> {
-        if value != 0.0 && value != 1.0 {
-            return Err(Refused::BadValue.into());
-        }
-        self.auxiliary.latches.optional_stop = u32::from(value == 1.0);
-        Ok(())
-    }
-
     fn order_override(&mut self, percent: f64) -> Result<(), Refusal> {
-        if !(0.0..=f64::from(self.override_max_percent)).contains(&percent) {
-            return Err(Refused::BadValue.into());
+        if self.modes.set_override(percent) {
+            Ok(())
+        } else {
+            Err(Refused::BadValue.into())
         }
-        self.override_percent = percent as u32;
-        Ok(())
-    }
-
-    fn order_rapid_override(&mut self, percent: f64) -> Result<(), Refusal> {
-        if !(0.0..=100.0).contains(&percent) {
-            return Err(Refused::BadValue.into());
-        }
-        self.auxiliary.latches.rapid_override_percent = percent as u32;
-        Ok(())
     }
 
     /// At rest in hold, or stopped: what an operator may do to the axes is allowed now.
     pub(super) fn must_rest(&self) -> Result<(), Refusal> {
-        match self.mode {
-            Mode::Enabled if !self.hold => return Err(Refused::NotHeld.into()),
+        match self.mode() {
+            Mode::Enabled if !self.modes.is_held() => return Err(Refused::NotHeld.into()),
             Mode::Enabled | Mode::Stopped | Mode::Ready => {}
             Mode::Stopping => return Err(Refused::NotAtRest.into()),
             Mode::Jogging => return Err(Refused::Jogging.into()),
@@ -260,7 +247,7 @@ impl<D: Drives> Master<D> {
             Mode::Tripped => return Err(Refused::Tripped.into()),
             Mode::Finished => return Err(Refused::Finished.into()),
         }
-        if self.rest_scans < self.rest_scans_min {
+        if !self.modes.has_rested() {
             return Err(Refused::NotAtRest.into());
         }
         Ok(())
@@ -268,29 +255,24 @@ impl<D: Drives> Master<D> {
 
     /// Whether nothing but the hand would move an axis.
     pub(super) fn is_idle(&self) -> bool {
-        matches!(self.mode, Mode::Stopped | Mode::Ready)
+        matches!(self.mode(), Mode::Stopped | Mode::Ready)
     }
 
     fn order_disable(&mut self) -> Result<(), Refusal> {
-        if self.mode == Mode::Disabled {
-            self.switching_on = None;
+        if self.mode() == Mode::Disabled {
+            self.switching_on.cancel();
             return Ok(());
         }
         self.must_rest()?;
         self.windows.drop_all(self.scan, Dropped::LeavesPath);
-        self.mode = Mode::Disabled;
-        self.may_end = false;
-        for axis in &mut self.axes {
-            axis.deviation = axis
-                .command_position
-                .saturating_sub(axis.feedback_position());
-        }
+        self.modes.disable();
+        self.axes.iter_mut().for_each(AxisUnit::open_loop);
         Ok(())
     }
 
     /// Drives on, in hold: nothing moves before somebody resumes.
     fn order_enable(&mut self) -> Result<(), Refusal> {
-        match self.mode {
+        match self.mode() {
             Mode::Enabled | Mode::Stopping | Mode::Stopped | Mode::Jogging | Mode::Ready => {
                 return Ok(());
             }
@@ -299,14 +281,9 @@ impl<D: Drives> Master<D> {
             Mode::Disabled => {}
         }
         self.must_be_referenced()?;
-        self.may_end = false;
+        self.modes.keep();
         self.switch_on(true);
         Ok(())
-    }
-
-    /// Whether a program may move the axes: farther outside the travel only a jog does, inwards.
-    pub(super) fn is_within_travel(&self) -> bool {
-        self.axes.iter().all(AxisUnit::is_within_travel)
     }
 
     /// Every drive knows where its axis is, or the axis can be homed.
@@ -319,18 +296,18 @@ impl<D: Drives> Master<D> {
 
     /// Ends a trip, if the machine can be driven again; its run does not end then.
     pub(super) fn acknowledge(&mut self, hold: bool) -> Result<(), Refusal> {
-        if self.last || self.may_end {
+        if self.modes.is_last() || self.modes.may_end() {
             return Err(Refused::Finished.into());
         }
-        if !self.is_served_at_rest() {
+        if !self.axes.are_served_at_rest() {
             return Err(Refused::NotReady.into());
         }
         // Whoever enables resets faults of drives, and has lost ones started again.
-        if !hold && !self.drives_can_follow() {
+        if !hold && !self.axes.drives_can_follow() {
             return Err(Refused::NotReady.into());
         }
         self.must_be_referenced()?;
-        self.settled_scans = 0;
+        self.modes.acknowledge();
         self.switch_on(hold);
         Ok(())
     }

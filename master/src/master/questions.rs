@@ -3,8 +3,8 @@
 //! (docs/developers/architecture.md, "Questions").
 
 use bus::sample::{
-    Answer, AnswerOutcome, AskedInput, Cause, EventCode, InputWait, Inputs, MAX_AXES, Mode,
-    PROBE_AWAY, PROBE_MUST, ProgramEvent,
+    Answer, AnswerOutcome, AskedInput, Cause, EventCode, Feedback, InputWait, Inputs, MAX_AXES,
+    Mode, PROBE_AWAY, PROBE_MUST, ProgramEvent,
 };
 use machine::PositionFeedback;
 
@@ -24,12 +24,12 @@ struct Touch {
 /// Questions of the program, and the inputs that answer them.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Questions {
-    pub latches: QuestionLatches,
+    latches: QuestionLatches,
     shown: InputFeedback,
     /// Digital inputs in the scan before.
     before: u64,
     /// The probe made contact in the scan that ends.
-    pub touched: bool,
+    touched: bool,
     /// Changes of the contact in the scan that ends, the earlier one first.
     touches: [Option<Touch>; 2],
     scan_s: f64,
@@ -38,7 +38,7 @@ pub(super) struct Questions {
 /// Where an axis is as its command position counts: by its scale, or by its motor, the lost motion that its servo compensates taken off.
 fn program_position(axis: &AxisUnit) -> i64 {
     let compensated = match axis.settings.feedback {
-        PositionFeedback::Motor => axis.increments(axis.command.compensation_mm),
+        PositionFeedback::Motor => axis.increments(axis.servos.command().compensation_mm),
         PositionFeedback::Scale => 0,
     };
     axis.feedback_position().saturating_sub(compensated)
@@ -73,14 +73,25 @@ impl Questions {
         }
     }
 
-    /// What the inputs show.
-    pub fn tell(&self) -> Inputs {
-        Inputs {
+    /// What must outlive this master.
+    pub fn latches(&self) -> QuestionLatches {
+        self.latches
+    }
+
+    /// The probe made contact in the scan that ends.
+    pub fn is_touched(&self) -> bool {
+        self.touched
+    }
+
+    /// The answer, and what the inputs show.
+    pub fn tell(&self, feedback: &mut Feedback) {
+        feedback.answer = self.latches.answer;
+        feedback.inputs = Inputs {
             analog: self.shown.analog,
             digital: self.shown.digital,
             contact: u32::from(self.shown.contact),
             panel: 0,
-        }
+        };
     }
 
     /// Digital inputs as they are shown, a bit each.
@@ -246,13 +257,13 @@ impl Questions {
 impl<D: Drives> Master<D> {
     /// One scan of a probing motion: the trip, then the rest. Nobody watches while the machine is not enabled.
     pub(super) fn step_probe(&mut self) {
-        if self.mode != Mode::Enabled {
+        if self.mode() != Mode::Enabled {
             return;
         }
         let scan = self.scan;
         let brakes = self.auxiliary.questions.brakes();
-        if brakes && self.windows.at_rest(scan) && self.stands() {
-            let rests = self.command_positions();
+        if brakes && self.windows.at_rest(scan) && self.axes.stand() {
+            let rests = self.axes.command_positions();
             let answer = &mut self.auxiliary.questions.latches.answer;
             answer.rests = rests;
             answer.outcome = AnswerOutcome::Given as u32;
@@ -272,25 +283,15 @@ impl<D: Drives> Master<D> {
 
     /// Comes to rest on the path for this cause.
     pub(super) fn stop_for(&mut self, cause: Cause) {
-        if cause != Cause::None && self.cause == Cause::None {
-            self.cause = cause;
-            self.cause_scan = self.scan + 1;
+        if cause != Cause::None && self.modes.cause() == Cause::None {
+            self.modes.blame(cause, u32::MAX, self.scan);
             self.stop();
         }
     }
 
-    /// Where the axes are commanded to be.
-    pub(super) fn command_positions(&self) -> [i64; MAX_AXES] {
-        let mut positions = [0; MAX_AXES];
-        for (position, axis) in positions.iter_mut().zip(&self.axes) {
-            *position = axis.command_position;
-        }
-        positions
-    }
-
     /// Does an event that asks something; none for another one, true once it is answered.
     pub(super) fn ask(&mut self, event: &ProgramEvent, waited_scans: u64) -> Option<bool> {
-        let rests = self.command_positions();
+        let rests = self.axes.command_positions();
         let scan = self.scan;
         let questions = &mut self.auxiliary.questions;
         let cause = match EventCode::from_wire(event.code)? {

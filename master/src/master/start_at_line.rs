@@ -1,7 +1,7 @@
 //! Start at a line: while its line is latched and no path has started, the planner's events set the levels of what stands before it, and
 //! the last of them says where the path begins. The planned return brings the tool there; the line is forgotten once it is on the path.
 
-use bus::sample::{EventCode, Mode, PathTag, PlannerStatus};
+use bus::sample::{EventCode, PathTag, PlannerStatus};
 
 use super::Master;
 use super::orders::whole_number;
@@ -10,7 +10,7 @@ use crate::drives::Drives;
 impl<D: Drives> Master<D> {
     /// Whether the program waits to be started at a line.
     pub(super) fn seeks_line(&self) -> bool {
-        self.auxiliary.latches.start_line != 0 && !self.windows.has_started()
+        self.auxiliary.seeks_line() && !self.windows.has_started()
     }
 
     /// The planner has found the line, and the levels before it are set: the path begins there.
@@ -19,9 +19,9 @@ impl<D: Drives> Master<D> {
         let asks = event.code == EventCode::StartAt as u32
             && self.auxiliary.is_next(event)
             && self.auxiliary.is_of_run(status);
-        let may_begin = self.mode == Mode::Enabled && !self.hold && self.seeks_line();
+        let may_begin = self.modes.runs() && self.seeks_line();
         // It has read the program from where the axes have been since.
-        let rests = self.scan.saturating_sub(status.scan) < u64::from(self.rest_scans);
+        let rests = self.scan.saturating_sub(status.scan) < u64::from(self.modes.rest_scans());
         if !asks || !may_begin || !rests {
             return;
         }
@@ -40,10 +40,8 @@ impl<D: Drives> Master<D> {
 
     /// On its path the program goes on like any other.
     pub(super) fn end_approach(&mut self) {
-        let on_path = self.windows.is_on_path(self.scan);
-        if on_path && self.auxiliary.latches.start_line != 0 {
-            self.auxiliary.latches.start_line = 0;
-            self.auxiliary.latched();
+        if self.windows.is_on_path(self.scan) {
+            self.auxiliary.reach_line();
         }
     }
 }

@@ -13,7 +13,7 @@ use crate::drives::Drives;
 /// Where a wheel was that moves an axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(super) struct Wheel {
-    /// Who counts; 0 is nobody.
+    /// Session that counts; 0 for none.
     session: u32,
     /// The newest count.
     count: i32,
@@ -22,6 +22,11 @@ pub(super) struct Wheel {
 }
 
 impl Wheel {
+    /// Whether this session counts.
+    pub fn is_of(&self, session: u32) -> bool {
+        self.session == session
+    }
+
     /// What it has turned since another look at the same wheel, in counts; none where that was another one, or another step.
     fn turned_since(&self, before: &Wheel) -> Option<i32> {
         let same = self.session == before.session && self.per_count == before.per_count;
@@ -46,7 +51,10 @@ impl<D: Drives> Master<D> {
     /// to go, or beyond the travel, is not taken and never made up for; nor is what comes while the axis may not be jogged.
     pub(super) fn order_wheel(&mut self, request: &OperatorRequest) -> Result<(), Refusal> {
         let index = request.axis as usize;
-        let unit = self.axes.get(index).filter(|_| !self.is_follower(index));
+        let unit = self
+            .axes
+            .get(index)
+            .filter(|_| !self.gantries.is_follower(index));
         let unit = unit.ok_or(Refused::UnknownAxis)?;
         let per_count = unit.increments(request.value);
         let is_mode = request.velocity_mode <= 1;
@@ -54,7 +62,7 @@ impl<D: Drives> Master<D> {
             return Err(Refused::BadValue.into());
         }
         let speed = self.jog_speed(request)?;
-        let speed_mm_s = speed.at(self.jog_share());
+        let speed_mm_s = speed.at(self.auxiliary.jog_share());
         let wheel = Wheel {
             session: request.session,
             count: request.count,
@@ -76,7 +84,7 @@ impl<D: Drives> Master<D> {
         let turning_s = self.turning_s(unit);
         let most_s = unit.wheel_s(request.velocity_mode == 1, speed_mm_s, turning_s);
         let most = unit.increments(most_s * speed_mm_s);
-        let left = from.saturating_sub(unit.command_position);
+        let left = from.saturating_sub(unit.command_position());
         let room = most.saturating_mul(step.signum()).saturating_sub(left);
         // One count beside it.
         let room = counts(room.saturating_add(step), step);
@@ -87,7 +95,8 @@ impl<D: Drives> Master<D> {
             return Err(Refused::Backlog.into());
         }
         let way = step.saturating_mul(taken);
-        self.by_order.counts = (taken * i64::from(turned.signum())) as i32;
+        let counted = (taken * i64::from(turned.signum())) as i32;
+        self.manual.note_counts(counted);
         self.move_by_increments(index, way, speed, turning_s);
         Ok(())
     }
@@ -97,9 +106,9 @@ impl<D: Drives> Master<D> {
         let mut before = Wheel::default();
         for (of, axis) in self.axes.iter_mut().enumerate() {
             if of == index {
-                before = std::mem::replace(&mut axis.hand.wheel, wheel);
-            } else if axis.hand.wheel.session == wheel.session {
-                axis.hand.wheel = Wheel::default();
+                before = axis.hand.follow_wheel(wheel);
+            } else {
+                axis.hand.forget_wheel(Some(wheel.session));
             }
         }
         before
@@ -107,9 +116,9 @@ impl<D: Drives> Master<D> {
 
     /// With the drives off or braking no axis follows a wheel: what it counts meanwhile moves nothing later.
     pub(super) fn forget_wheels(&mut self) {
-        if matches!(self.mode, Mode::Disabled | Mode::Tripped) {
+        if matches!(self.mode(), Mode::Disabled | Mode::Tripped) {
             let axes = self.axes.iter_mut();
-            axes.for_each(|axis| axis.hand.wheel = Wheel::default());
+            axes.for_each(|axis| axis.hand.forget_wheel(None));
         }
     }
 }

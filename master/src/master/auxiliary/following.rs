@@ -46,15 +46,15 @@ impl<D: Drives> Master<D> {
         let coupling = self.auxiliary.coupling;
         let followed = coupling.follow(&gear, place_mm, velocity_mm_s, turns);
         self.auxiliary.followed = Some(followed);
-        if followed.lost && self.mode != Mode::Tripped {
+        if followed.lost && self.mode() != Mode::Tripped {
             self.trip(Cause::Spindle, u32::MAX);
         }
     }
 
     /// Place of an axis that is followed, in mm, and its speed in the next scan, in mm/s; none where nothing is followed.
     fn followed_motion(&self, gear: &Gear, unit: &AxisUnit) -> Option<(f64, f64)> {
-        let stand = self.stands() && self.auxiliary.stands();
-        match self.mode {
+        let stand = self.axes.stand() && self.auxiliary.stands();
+        match self.mode() {
             Mode::Enabled | Mode::Stopping => {
                 let in_scan = |scan: u64| {
                     let increments = *self.windows.positions(scan)?.get(gear.axis)?;
@@ -64,10 +64,10 @@ impl<D: Drives> Master<D> {
                 let next_mm = in_scan(self.scan + 2).unwrap_or(now_mm);
                 let near_um = unit.settings.in_position_window_um();
                 let place_mm = followed_place_mm(now_mm, unit.place_mm(), near_um * 1e-3);
-                Some((place_mm, (next_mm - now_mm) / self.scan_period_s))
+                Some((place_mm, (next_mm - now_mm) / self.timing.scan_period_s))
             }
             Mode::Tripped if self.auxiliary.followed.is_some() && !stand => {
-                Some((unit.place_mm(), unit.drive.velocity_mm_s))
+                Some((unit.place_mm(), unit.drive().velocity_mm_s))
             }
             _ => None,
         }
@@ -76,5 +76,5 @@ impl<D: Drives> Master<D> {
 
 /// Where an axis is commanded to be, in mm.
 pub(super) fn commanded_mm(unit: &AxisUnit) -> f64 {
-    unit.command_position as f64 * unit.settings.increment_mm()
+    unit.command_position() as f64 * unit.settings.increment_mm()
 }

@@ -2,28 +2,30 @@
 //!
 //! The switch stays where it is as long as the active servo answers in time with a command that the drive may see. When it
 //! does not, and the other one is eligible, the other's answer of the same scan is taken, and the switch stays there. It
-//! is eligible once its command was the same to the bit, state included, in [`SAME_SCANS`] scans in a row until then, and
+//! is eligible once its command was the same to the bit, state included, in two scans in a row until then, and
 //! holds the window in force (docs/developers/architecture.md, "Standby").
 use bus::sample::{AxisCommand, Cause, Job, Roster, WindowId};
 use bus::service::ROLES;
 
-use super::axis_unit::AxisUnit;
-use super::switch::{Switch, Taken};
-
-/// Scans in a row in which a standby must have been the same before it may take over.
-pub(super) const SAME_SCANS: u32 = 2;
+use super::Servos;
+use super::switch::{SAME_SCANS, Switch, Taken};
+use crate::master::sane::Sane;
 
 /// What a servo's command is held against.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Plan {
+pub struct Plan<'a> {
     /// The window in force.
     pub in_force: WindowId,
     /// Where it has the axis in this scan, in increments; none where the servo alone knows: by hand, without a window, and where
     /// it interpolates within the period.
     pub position: Option<i64>,
+    /// Whether the loop is closed: an axis with an open one may change over freely.
+    pub closed: bool,
+    /// What the drive may see.
+    pub sane: Sane<'a>,
 }
 
-impl AxisUnit {
+impl Servos {
     /// The commands that answer this scan, by role, from the servos in the roster.
     fn in_time<'a>(
         &self,
@@ -48,18 +50,21 @@ impl AxisUnit {
         answers
     }
 
-    /// Decides whose command is taken; `closed` while a loop is closed, so that an axis with open loops may change over
-    /// freely.
-    pub(super) fn decide_command<'a>(
+    /// Decides whose command is taken.
+    pub fn decide<'a>(
         &mut self,
         scan: u64,
         index: usize,
         commands: &'a [Option<AxisCommand>; ROLES.len()],
         roster: &Roster,
-        plan: Plan,
-        closed: bool,
+        plan: &Plan<'_>,
     ) -> Taken<'a> {
-        let Plan { in_force, position } = plan;
+        let Plan {
+            in_force,
+            position,
+            closed,
+            sane,
+        } = *plan;
         let answers = self.in_time(scan, index, commands, roster);
         let [a, b] = answers;
         let ((lives, active), (other_lives, other)) = if self.switch.role == 0 {
@@ -74,7 +79,7 @@ impl AxisUnit {
             Some(servo) if closed && !has_driven(servo.incarnation) => (false, None),
             _ => (lives, active),
         };
-        let judge = |command: &AxisCommand| match self.judge(command) {
+        let judge = |command: &AxisCommand| match sane.judge(command) {
             // Two servos cannot tell which of them is right: the window can.
             Cause::None if position.is_some_and(|planned| planned != command.position) => {
                 Cause::BadValue
@@ -88,7 +93,7 @@ impl AxisUnit {
             let same = other_good.is_some_and(|o| command.drives_as(o) && o.held == in_force);
             let was_synchronised = self.switch.same_scans >= SAME_SCANS;
             if !same && was_synchronised && other.is_some_and(|o| o.held == in_force) {
-                self.standby.differences = self.standby.differences.saturating_add(1);
+                self.standby.differs();
             }
             self.switch.same_scans = if same {
                 self.switch.same_scans.saturating_add(1)

@@ -12,7 +12,7 @@ pub(super) const SILENT_SCANS: u32 = 3;
 
 /// Where an axis is to be for one scan, as the motor encoder shows it, in mm, and its speed there, in mm/s.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Wanted {
+pub struct Wanted {
     pub position_mm: f64,
     pub velocity_mm_s: f64,
 }

@@ -4,7 +4,7 @@ use bus::sample::{AxisCommand, Cause};
 
 /// What became of an axis's commands in one scan.
 #[derive(Debug, Clone, Copy)]
-pub(super) enum Taken<'a> {
+pub enum Taken<'a> {
     /// This one drives on.
     Command(&'a AxisCommand),
     /// None in time from a servo that lives: the drive holds the last one.
@@ -14,6 +14,9 @@ pub(super) enum Taken<'a> {
     /// The only one there is must not reach the drive.
     Bad(Cause),
 }
+
+/// Scans in a row in which a standby must have been the same before it may take over.
+pub(super) const SAME_SCANS: u32 = 2;
 
 /// The switch of one axis.
 #[derive(Debug, Clone, Copy, Default)]
