@@ -1,7 +1,7 @@
 //! The process group: one table of who takes part, started, watched, reaped and stopped by the launcher.
 
 use std::os::fd::{BorrowedFd, OwnedFd};
-use std::os::unix::process::{CommandExt, ExitStatusExt};
+use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::thread::JoinHandle;
@@ -11,12 +11,10 @@ use anyhow::{Context, bail};
 use bus::cell::{CellPaths, Ownership};
 use bus::drive_page::DrivePage;
 use bus::member::Pace;
-use bus::port::Writer;
 use bus::process::watch;
-use bus::sample::{Job, Roster};
+use bus::sample::Job;
 use bus::service::{Bus, Created, ROLES, Services};
 use bus::signal_page::{CellPhase, SignalPage};
-use bytemuck::Zeroable;
 use machine::{KeptFiles, Machine, Process};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::{Signal, pidfd_send_signal};
@@ -25,9 +23,11 @@ use crate::run_dir::RunDir;
 use console::logs;
 
 mod death;
+mod register;
 mod restart;
 
 pub use death::Death;
+use register::Register;
 
 /// Until then every process must have reported that it is ready.
 const READY_LIMIT: Duration = Duration::from_secs(30);
@@ -43,9 +43,6 @@ pub const LEAVE_LIMIT_AFTER_MACHINE: Duration = Duration::from_secs(2);
 
 /// So long a recorder may come no further without having taken the last scan: it has missed that, and waits for nothing.
 const RECORDER_IDLE_LIMIT: Duration = Duration::from_secs(1);
-
-/// Time between two rosters that say the same.
-const ROSTER_EVERY: Duration = Duration::from_secs(1);
 
 /// The longest wait without looking who has left.
 const LEAVE_LOOK: Duration = Duration::from_millis(100);
@@ -244,11 +241,7 @@ pub struct Group {
     members: Vec<Member>,
     plan: Plan,
     core: Option<usize>,
-    /// The newest scan the launcher has seen: when a death is noticed, it happened about then.
-    pub newest_scan: u64,
-    roster: Roster,
-    roster_writer: Writer<Roster>,
-    roster_said: Instant,
+    register: Register,
     /// The launcher's foot in the cell.
     pub bus: Bus,
     /// The signal page.
@@ -257,17 +250,6 @@ pub struct Group {
     drive_page: Option<DrivePage>,
     _services: Created,
     cell: Ownership,
-}
-
-/// Writes into the roster how the process of this place ended.
-fn note_death(roster: &mut Roster, place: usize, status: ExitStatus, scan: u64) {
-    if let Some(participant) = roster.participants.get_mut(place) {
-        participant.live = 0;
-        participant.stalled = 0;
-        participant.death_scan = scan;
-        participant.death_signal = status.signal().unwrap_or(0);
-        participant.death_status = status.code().unwrap_or(0);
-    }
 }
 
 /// The processor on which the processes of a lockstep cell hand over to each other: on one, a hand-over costs a few
@@ -309,7 +291,7 @@ impl Group {
         let page = SignalPage::create(&place)?;
         let drive_page = machine.bus.is_some().then(|| DrivePage::create(&place));
         let drive_page = drive_page.transpose()?;
-        let roster_writer = bus.roster_writer()?;
+        let register = Register::new(bus.roster_writer()?);
         cell.keep_spare_room();
         cell.note_made();
         let core = lockstep_core(plan.pace);
@@ -317,10 +299,7 @@ impl Group {
             members: Vec::new(),
             plan: plan.clone(),
             core,
-            newest_scan: 0,
-            roster: Roster::zeroed(),
-            roster_writer,
-            roster_said: Instant::now(),
+            register,
             bus,
             page,
             drive_page,
@@ -329,13 +308,21 @@ impl Group {
         };
         for (index, role) in roles(machine, plan).into_iter().enumerate() {
             let member = group.spawn(index, role, 1, None)?;
-            if let Some(participant) = group.roster.participants.get_mut(index) {
-                *participant = member.role.process.first();
-            }
+            group.register.enter(index, member.role.process.first());
             group.members.push(member);
         }
         group.wait_until_ready(interrupted)?;
         Ok(group)
+    }
+
+    /// The newest scan that the launcher has seen: what it notices happened about then.
+    pub fn newest_scan(&self) -> u64 {
+        self.register.newest_scan()
+    }
+
+    /// The launcher has seen a scan.
+    pub fn see(&mut self, scan: u64) {
+        self.register.see(scan);
     }
 
     /// The cell's name.
@@ -367,7 +354,7 @@ impl Group {
 
     /// Lets the scans begin.
     pub fn begin(&mut self) {
-        self.publish_roster();
+        self.register.publish(&self.page);
         self.page.set_phase(CellPhase::Running);
     }
 
@@ -375,15 +362,15 @@ impl Group {
     /// no roster before the one that admits it.
     pub fn publish_roster_to_newcomers(&self) {
         if !self.somebody_joins() {
-            self.roster_writer.connect_readers();
+            self.register.connect_readers();
         }
     }
 
     /// Says the roster again now and then, for whoever has dropped it because it was not what was sent. Not while a process is on
     /// its way into it.
     pub fn repeat_roster(&mut self) {
-        if self.roster_said.elapsed() > ROSTER_EVERY && !self.somebody_joins() {
-            self.say_roster();
+        if !self.somebody_joins() {
+            self.register.repeat(&self.page);
         }
     }
 
@@ -485,18 +472,6 @@ impl Group {
         }
     }
 
-    fn publish_roster(&mut self) {
-        self.roster.version += 1;
-        self.roster.visible_from = self.newest_scan;
-        self.say_roster();
-    }
-
-    fn say_roster(&mut self) {
-        self.roster_said = Instant::now();
-        self.roster_writer.send(&self.roster);
-        self.page.raise_all();
-    }
-
     /// Sleeps until a process ends or `also` becomes readable, at most `limit`.
     pub fn wait(&self, also: Option<BorrowedFd<'_>>, limit: Duration) {
         let living = self.members.iter().filter(|m| m.status.is_none());
@@ -556,7 +531,7 @@ impl Group {
             let last_words = member.last_words();
             // Who leaves in order has been ordered to: that is no news, and no sample may depend on when it was noticed.
             if !status.success() {
-                note_death(&mut self.roster, index, status, self.newest_scan);
+                self.register.note_death(index, status);
             }
             deaths.push(Death {
                 last_words,
@@ -569,7 +544,7 @@ impl Group {
             self.bus.clean_dead();
         }
         if deaths.iter().any(|death| !death.status.success()) {
-            self.publish_roster();
+            self.register.publish(&self.page);
         }
         deaths
     }
@@ -602,7 +577,7 @@ impl Group {
             if scans != recorded.0 {
                 recorded = (scans, Instant::now());
             }
-            let missed = scans <= self.newest_scan && recorded.1.elapsed() > RECORDER_IDLE_LIMIT;
+            let missed = scans <= self.newest_scan() && recorded.1.elapsed() > RECORDER_IDLE_LIMIT;
             let idle = |m: &Member| m.status.is_none() && m.role.process.job != Job::Monitor;
             let idles = self.members.iter().any(idle);
             let missed = missed || idles && started.elapsed() > MISSED_LAST_LIMIT;

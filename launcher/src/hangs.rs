@@ -42,7 +42,7 @@ impl Hangs {
                 continue;
             };
             let scans = match role.process.job {
-                Job::Master => Some(group.newest_scan),
+                Job::Master => Some(group.newest_scan()),
                 Job::Monitor => Some(group.page.recorded_scans()),
                 Job::Servo | Job::Planner => group.page.answered_scan(place),
                 // It answers the master alone; its standby sees when it hangs, and the drives have their watchdogs.
@@ -67,7 +67,7 @@ impl Hangs {
             // ahead is no scan that anybody has answered.
             let ahead_max = RECORDER_DEPTH_SCANS as u64;
             let idle = role.process.job != Job::Master
-                && (group.newest_scan..=group.newest_scan.saturating_add(ahead_max))
+                && (group.newest_scan()..=group.newest_scan().saturating_add(ahead_max))
                     .contains(&scans);
             if idle {
                 seen.since = now;

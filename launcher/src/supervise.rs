@@ -253,7 +253,8 @@ impl<'a> Supervision<'a> {
 
     fn take_newest(&mut self) {
         self.newest = self.watch.progress.newest().copied();
-        self.group.newest_scan = self.newest.map_or(0, |feedback| feedback.scan);
+        let newest = self.newest.map_or(0, |feedback| feedback.scan);
+        self.group.see(newest);
     }
 
     /// Runs the user M-codes that the program comes to.
@@ -348,7 +349,7 @@ impl<'a> Supervision<'a> {
             tracing::error!(
                 "{text}: nobody reaches the cell any more, and nobody who is lost is replaced"
             );
-            let event = Event::of_cell(self.group.newest_scan, "files removed", Some(text));
+            let event = Event::of_cell(self.group.newest_scan(), "files removed", Some(text));
             self.events.write(&event);
             self.files_removed = true;
             self.ends = Some("files of the cell were removed");
@@ -366,7 +367,7 @@ impl<'a> Supervision<'a> {
         for process in self.hangs.end(self.group) {
             self.events.write(&Event {
                 process: Some(&process),
-                ..Event::of_cell(self.group.newest_scan, "hangs", Some("killed".into()))
+                ..Event::of_cell(self.group.newest_scan(), "hangs", Some("killed".into()))
             });
         }
     }
@@ -377,7 +378,7 @@ impl<'a> Supervision<'a> {
             progress.look();
         });
         self.take_newest();
-        note_deaths(&died, self.group.newest_scan, self.events);
+        note_deaths(&died, self.group.newest_scan(), self.events);
         let over = self.is_over();
         for death in died.iter_mut().filter(|d| !d.status.success()) {
             if over {
@@ -405,7 +406,7 @@ impl<'a> Supervision<'a> {
             self.events.write(&Event {
                 process: Some(&process),
                 pid: Some(pid),
-                ..Event::of_cell(self.group.newest_scan, "restarted", None)
+                ..Event::of_cell(self.group.newest_scan(), "restarted", None)
             });
         }
     }
@@ -486,7 +487,7 @@ impl<'a> Supervision<'a> {
         }
         self.stop_since = Some(Instant::now());
         service_manager::stopping();
-        let event = Event::of_cell(self.group.newest_scan, "stop", Some(why.into()));
+        let event = Event::of_cell(self.group.newest_scan(), "stop", Some(why.into()));
         self.events.write(&event);
         tracing::info!("{why}: the tool comes to rest on the path (Ctrl-C {again} stops at once)");
     }
@@ -584,7 +585,7 @@ impl<'a> Supervision<'a> {
         if self.is_over() {
             left.iter_mut().for_each(Death::note_after_end);
         }
-        note_deaths(&left, self.group.newest_scan, self.events);
+        note_deaths(&left, self.group.newest_scan(), self.events);
         self.deaths.extend(left);
     }
 }

@@ -7,7 +7,7 @@ use bus::sample::Job;
 use machine::Process;
 use rustix::process::{Signal, pidfd_send_signal};
 
-use super::{Death, Group, READY_LIMIT, note_death};
+use super::{Death, Group, READY_LIMIT};
 
 impl Group {
     /// The slot of a process.
@@ -68,15 +68,11 @@ impl Group {
                 continue;
             }
             member.joining = None;
-            if let Some(participant) = self.roster.participants.get_mut(place) {
-                participant.incarnation = member.incarnation;
-                participant.live = 1;
-                participant.stalled = 0;
-            }
+            self.register.admit(place, member.incarnation);
             admitted.push((member.role.name.clone(), member.child.id()));
         }
         if !admitted.is_empty() {
-            self.publish_roster();
+            self.register.publish(&self.page);
         }
         admitted
     }
@@ -119,11 +115,11 @@ impl Group {
         member.status = Some(status);
         member.last_words();
         let death = Death::of(member, place, status);
-        note_death(&mut self.roster, place, status, scan);
+        self.register.see(scan);
+        self.register.note_death(place, status);
         self.free_bus(std::slice::from_ref(&death));
         self.bus.clean_dead();
-        self.newest_scan = scan;
-        self.publish_roster();
+        self.register.publish(&self.page);
         Some(death)
     }
 
@@ -133,7 +129,7 @@ impl Group {
     /// It cannot be started, or does not get ready.
     pub fn replace(&mut self, place: usize, scan: u64) -> anyhow::Result<()> {
         self.respawn(place, scan.checked_sub(1))?;
-        self.newest_scan = scan;
+        self.register.see(scan);
         let started = Instant::now();
         loop {
             let seen = self.page.launcher_signal().count();
@@ -162,11 +158,9 @@ impl Group {
             self.signal(place, Signal::STOP);
             self.await_stopped(place);
         }
-        if let Some(participant) = self.roster.participants.get_mut(place) {
-            participant.stalled = u32::from(stalled);
-        }
-        self.newest_scan = scan;
-        self.publish_roster();
+        self.register.note_stalled(place, stalled);
+        self.register.see(scan);
+        self.register.publish(&self.page);
     }
 
     /// A signal takes a moment: waits until every thread of the process stands.
