@@ -14,6 +14,7 @@ use crate::support::{
     unique_cell,
 };
 use crate::tools::{says, tool};
+use monitor::quantities::OF_AXIS;
 
 /// Nothing here takes longer.
 const PATIENCE: Duration = Duration::from_secs(60);
@@ -265,7 +266,9 @@ fn a_scrape_of_a_running_cell_says_what_it_does_in_the_words_of_openmetrics() {
         .lines()
         .filter_map(|line| line.strip_prefix("| `")?.split('`').next());
     let rows = rows.filter(|name| name.starts_with("quadrant_"));
-    let described: BTreeSet<String> = rows.map(str::to_string).collect();
+    let mut described: BTreeSet<String> = rows.map(str::to_string).collect();
+    // The others say in one place what they are.
+    described.extend(OF_AXIS.map(|one| format!("quadrant_axis_{}_{}", one.metric.0, one.metric.1)));
     assert_eq!(first.names(), described);
     // Hold and override are seen, and a recorder that replaces a lost one.
     let order = |words: &[&str]| says(quadrant().args(words).args(["--cell", &cell.cell]));

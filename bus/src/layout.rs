@@ -3,8 +3,6 @@
 //! A table only lists names; offsets, sizes and kinds come from the struct itself, and a compile-time check holds that
 //! the fields follow each other without a hole to the last byte, so none can be forgotten, swapped or mistyped.
 
-mod tables;
-
 /// What a field is.
 #[derive(Debug, Clone, Copy)]
 pub enum Kind {

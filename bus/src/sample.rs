@@ -10,6 +10,8 @@
 use bytemuck::{Pod, Zeroable};
 use iceoryx2::prelude::ZeroCopySend;
 
+use crate::table;
+
 mod auxiliary;
 mod bus_cycle;
 pub(crate) mod checksum;
@@ -39,6 +41,7 @@ pub struct WindowId {
     /// The planner's incarnation, from the roster.
     pub incarnation: u32,
 }
+table!(WindowId: checksum, sequence, incarnation);
 
 impl WindowId {
     /// No window.
@@ -66,6 +69,7 @@ pub struct PathTag {
     /// Scans of dwell still to wait at this setpoint.
     pub dwell_remaining_scans: u32,
 }
+table!(PathTag: distance_mm, element, dwell_remaining_scans);
 
 impl PathTag {
     /// Not on the program's path: jogging, drives off, or on the return to where the path was left. No path has that
@@ -92,6 +96,7 @@ pub struct Setpoint {
     /// Where on the path this is.
     pub tag: PathTag,
 }
+table!(Setpoint: position @ Axes, tag);
 
 /// What stands before the setpoints of a window.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
@@ -117,6 +122,10 @@ pub struct WindowHeader {
     /// 1 if the last intended setpoint is the end of the program.
     pub ends_program: u32,
 }
+table!(
+    WindowHeader: id, predecessor, first_scan, visible_from, program_hash, epoch, intended_setpoints, setpoint_count,
+    ends_program,
+);
 
 wire_enum! {
     /// What the machine is doing: latched by the master, obeyed by everybody.
@@ -295,6 +304,11 @@ pub struct AxisFeedback {
     /// [`Reference`]: whether its positions are those of the machine.
     pub reference: u32,
 }
+table!(
+    AxisFeedback: motor_position, scale_position, command_position, hand, command_scan, velocity_mm_s,
+    velocity_command_mm_s, torque_nm, winding_k, missed_scans, missed_in_a_row, taken_incarnation, taken_role, cause,
+    torque_limited, driver, drive_code, redundancy, unsynchronised_scans, differences, reference,
+);
 
 /// The course of an axis that is moved by hand, as it was in the scan before (`loops::hand_course`).
 ///
@@ -328,6 +342,10 @@ pub struct HandCourse {
     /// Kept zero.
     pub reserved: u32,
 }
+table!(
+    HandCourse: command, lead, lead_step, step, goal, step_max, next_goal, next_step_max, step_change_max, follows_by,
+    changes_in, reserved,
+);
 
 wire_enum! {
     /// Reference of an axis: what its positions are worth.
@@ -474,6 +492,10 @@ pub struct Feedback {
     /// Of all that stands before it (XXH3-64); written when it is sent, checked by every reader.
     pub checksum: u64,
 }
+table!(
+    Feedback: scan, visible_from, window, armed, voided, program_hash, tag, interrupted_at, cause_scan, program_start @ Axes, setpoint, at_rest, epoch, incarnation, mode,
+    cause, cause_axis, override_percent, hold, last, overrun_scans, axis_count, load, program, run, messages, rested, reserved, auxiliary, answer, inputs, axes @ Axes, checksum,
+);
 
 /// What only an instrument could see: the bench's ball-bar and grid encoder, not for any controller.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend)]
@@ -497,6 +519,10 @@ pub struct Instruments {
     /// Motor position in mm at the table side of the lead, per axis and subsample.
     pub motor_mm: [[f64; MAX_SUBSAMPLES]; MAX_AXES],
 }
+table!(
+    Instruments: scan, visible_from, motion_digest_high, motion_digest_low, subsamples, axis_count,
+    table_mm @ AxesAndSubsamples, motor_mm @ AxesAndSubsamples,
+);
 
 /// What one servo asks of its drive for one scan.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend)]
@@ -561,6 +587,10 @@ pub struct AxisCommand {
     /// Of all that stands before it (XXH3-64); written when it is sent, checked by every reader.
     pub checksum: u64,
 }
+table!(
+    AxisCommand: scan, visible_from, position, velocity_mm_s, torque_nm, feed_forward_mm_s, following_error_mm,
+    stop_deceleration_mm_s2, compensation_mm, friction_pulse_mm_s, torque_feed_forward_nm, torque_cut_nm, friction_level, friction_unexplained, held, pending, refused, tag, state, axis, role, incarnation, drive_mode, cause, hand, ahead_scans, reserved, checksum,
+);
 
 impl AxisCommand {
     /// Whether it drives an axis as another one does, to the bit, whoever sent them.
@@ -626,6 +656,10 @@ pub struct PlannerStatus {
     /// Of all that stands before it (XXH3-64); written when it is sent, checked by every reader.
     pub checksum: u64,
 }
+table!(
+    PlannerStatus: scan, visible_from, program_hash, published, path_length_mm, path_done_mm, incarnation, finished,
+    cause, windows, load, line, answered, messages, event, outputs_ahead, checksum,
+);
 
 wire_enum! {
     /// Job of a participant.
@@ -670,6 +704,9 @@ pub struct Participant {
     /// 1 while it lives but has been stopped by a fault script: nobody waits for it.
     pub stalled: u32,
 }
+table!(
+    Participant: death_scan, job, axis, role, incarnation, live, death_signal, death_status, stalled,
+);
 
 /// Who takes part: published by the launcher, which learns of deaths from the kernel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable, ZeroCopySend)]
@@ -685,6 +722,7 @@ pub struct Roster {
     /// Of all that stands before it (XXH3-64); written when it is sent, checked by every reader.
     pub checksum: u64,
 }
+table!(Roster: version, visible_from, participants, checksum);
 
 impl Roster {
     /// The participant in this place, if there is one.

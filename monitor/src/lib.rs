@@ -13,6 +13,7 @@ pub mod log;
 mod logbook;
 pub mod losses;
 mod options;
+pub mod quantities;
 mod run;
 pub mod said;
 mod sinks;

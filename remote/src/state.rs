@@ -3,6 +3,8 @@
 //! It is made in one place (`view`), under the names that scripts know. Positions are in mm and deviations in µm, for a
 //! rotary axis in degrees and thousandths of a degree, under names that say so in printed JSON. None is what cannot be known.
 
+use std::collections::BTreeMap;
+
 use serde::{Deserialize, Serialize};
 
 use crate::wire::number;
@@ -272,7 +274,6 @@ pub struct Readout {
 
 /// One axis.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
 pub struct AxisState {
     /// Its name.
     pub axis: String,
@@ -315,9 +316,6 @@ pub struct AxisState {
     pub torque_percent: f64,
     /// It is at its limit.
     pub torque_limited: bool,
-    /// Winding above ambient, in K.
-    #[serde(deserialize_with = "number")]
-    pub winding_k: f64,
     /// Friction fed forward, in words: its share of the model's, tuned, or none.
     pub friction: String,
     /// Friction level of the servo, as a share of its model's; none where the axis does not follow friction.
@@ -341,6 +339,10 @@ pub struct AxisState {
     pub skew_um: Option<f64>,
     /// What needs a look, in words.
     pub alarm: Option<String>,
+    /// Numbers of the feedback that are shown as they are (`monitor::quantities`), by key. Any other field that is no number is
+    /// refused.
+    #[serde(flatten)]
+    pub quantities: BTreeMap<String, Option<f64>>,
 }
 
 /// One process.

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use machine::{Axis, AxisKind, DriveMode};
+use monitor::quantities::{OF_AXIS, Quantity};
 use serde::ser::{Serialize, SerializeMap, Serializer};
 
 use super::evaluation::Evaluation;
@@ -66,6 +67,9 @@ pub struct AxisReport {
     /// Of the second motor of a gantry; left out of all others.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub gantry: Option<GantryReport>,
+    /// Largest magnitudes of the numbers that are shown as the feedback has them, by key and `_peak`.
+    #[serde(flatten)]
+    pub quantities: BTreeMap<String, f64>,
 }
 
 /// The skew of a gantry: position of its second motor less that of its first, while the drives were on.
@@ -153,12 +157,27 @@ impl PredictionReport {
     }
 }
 
+/// Key of the largest magnitude of a quantity.
+fn peak_key(of: &Quantity) -> String {
+    format!("{}_peak", of.key)
+}
+
 impl AxisReport {
+    /// Largest magnitude of a quantity.
+    pub(super) fn peak(&self, of: &Quantity) -> Option<f64> {
+        self.quantities.get(&peak_key(of)).copied()
+    }
+
     /// Of one axis that was measured.
     fn of(axis: &Axis, meter: &AxisMeter, scan_period_s: f64) -> AxisReport {
         let following_error = following_error(meter);
         let of_kind = |kind| (axis.kind == kind).then_some(following_error);
         let prediction = meter.prediction.as_ref();
+        let peaks = OF_AXIS.iter().zip(&meter.quantities);
+        let quantities: BTreeMap<String, f64> = peaks
+            .map(|(one, peak)| (peak_key(one), r3(*peak)))
+            .collect();
+        let rise_k = quantities.get("winding_k_peak").copied();
         AxisReport {
             axis: axis.name.clone(),
             drive_mode: match axis.drive_mode {
@@ -176,7 +195,7 @@ impl AxisReport {
             torque_cut_nm_peak: r3(meter.torque_cut_nm_peak),
             friction_level_percent: meter.friction.level.map(|part| r3(100.0 * part)),
             friction_unexplained_percent: meter.friction.unexplained_percent().map(r3),
-            winding_c_peak: r3(AMBIENT_C + meter.winding_k_peak),
+            winding_c_peak: r3(AMBIENT_C + rise_k.unwrap_or(0.0)),
             ambient_c: AMBIENT_C,
             prediction: prediction.map(|p| PredictionReport::of(p, axis.kind, scan_period_s)),
             gantry: axis.gantry.as_ref().map(|gantry| GantryReport {
@@ -185,6 +204,7 @@ impl AxisReport {
                 skew_um_rms: r3(meter.skew_mm.rms() * 1e3),
                 skew_um_max: r3(gantry.skew_max_mm * 1e3),
             }),
+            quantities,
         }
     }
 

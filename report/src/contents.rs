@@ -1,6 +1,7 @@
 //! What a report has to say: the document of one run.
 
 use machine::AxisKind;
+use monitor::quantities::OF_AXIS;
 use serde_json::Value as Json;
 
 use super::axes::{AxisReport, PeakRmsPercentiles};
@@ -533,14 +534,17 @@ fn friction_of_another_kind(axis: &AxisReport) -> Option<String> {
 }
 
 fn drives(report: &Report) -> Section {
-    let table = Columns::of("axes", &report.axes)
+    let mut table = Columns::of("axes", &report.axes)
         .words("Axis", |axis| axis.axis.clone())
         .words("Mode", |axis| axis.drive_mode.into())
         .number("Peak torque", "Nm", 2, |axis| Some(axis.torque_peak_nm))
         .number("rms torque", "Nm", 2, |axis| Some(axis.torque_rms_nm))
         .key("torque_rms_nm")
-        .number("of rated", "%", 0, |axis| Some(axis.torque_rms_percent))
-        .number("Winding", "°C", 1, |axis| Some(axis.winding_c_peak))
+        .number("of rated", "%", 0, |axis| Some(axis.torque_rms_percent));
+    for one in &OF_AXIS {
+        table = table.number(one.heading, one.unit, one.decimals, |axis| axis.peak(one));
+    }
+    let table = table
         .count("Missed scans", |axis| axis.missed_scans.into())
         .key("missed_scans")
         .named("axes", axis_name);
@@ -566,12 +570,7 @@ fn drives(report: &Report) -> Section {
                 .collect(),
         ),
     ];
-    if let Some(axis) = report.axes.first() {
-        let ambient_c = axis.ambient_c;
-        blocks.push(Block::Note(format!(
-            "Winding: rise above an assumed room temperature of {ambient_c} °C."
-        )));
-    }
+    blocks.push(Block::Note("Winding: largest rise above ambient.".into()));
     section("Drives", blocks)
 }
 

@@ -6,6 +6,8 @@ use iceoryx2::prelude::ZeroCopySend;
 
 use super::MAX_AXES;
 
+use crate::table;
+
 /// Digital outputs that a program can switch, M62 to M65 P0 to P63.
 pub const DIGITAL_OUTPUTS: usize = 64;
 /// Analogue outputs that a program can set, M67 and M68 E0 to E7.
@@ -105,6 +107,7 @@ pub struct ProgramEvent {
     /// Kept zero.
     pub reserved: u32,
 }
+table!(ProgramEvent: value, number, code, index, line, element, reserved);
 
 /// What a spindle is commanded to do.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -166,6 +169,10 @@ pub struct Levels {
     /// For no drive: elements of the path up to the end of the block that single block has stopped behind last, in this run.
     pub blocks_done: u32,
 }
+table!(
+    Levels: spindle_rpm, orientation_deg, analog, digital, spindle, coolant, tool, tool_prepared, followed_axis,
+    blocks_done,
+);
 
 wire_enum! {
     /// What the program, or the machine, waits for at rest.
@@ -254,6 +261,11 @@ pub struct Auxiliaries {
     /// Offset of the tool that is applied, by axis, in mm and degrees; all 0 after G49.
     pub tool_offset: [f64; MAX_AXES],
 }
+table!(
+    Auxiliaries: levels, spindle_rpm, spindle_turns, spindle_lag_turns, events_done, line, waiting, blocked, at_speed,
+    optional_stop, override_disabled, tool, coupled, start_line,
+    tool_offset_of, modes_of_run, tool_offset,
+);
 
 /// No run's modes are in force, but those that M2 leaves.
 pub const MODES_RESET: u32 = u32::MAX;

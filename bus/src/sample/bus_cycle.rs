@@ -5,6 +5,8 @@ use iceoryx2::prelude::ZeroCopySend;
 
 use super::MAX_AXES;
 
+use crate::table;
+
 /// What became of the cycle of a scan on the fieldbus, and what was counted since the bus started. For observers alone: what a wire
 /// does is chance, also in lockstep, so no controller reads it and it counts in no digest. Cells with simulated drives have none.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
@@ -43,6 +45,10 @@ pub struct BusCycle {
     /// Slaves on the segment.
     pub slave_count: u32,
 }
+table!(
+    BusCycle: scan, visible_from, sent, missed, short, late, foreign, repeated, round_trip_ns, clock_offset_ns,
+    inputs @ Axes, answered, distributed_clocks, slaves_operational, slave_count,
+);
 
 impl BusCycle {
     /// Time from sending to the answer, in s; none where it is not known.

@@ -5,6 +5,8 @@ use iceoryx2::prelude::ZeroCopySend;
 
 use super::MAX_AXES;
 
+use crate::table;
+
 /// Digital inputs that a program can wait for, M66 P0 to P63.
 pub const DIGITAL_INPUTS: usize = 64;
 /// Analogue inputs that a program can read, M66 E0 to E7.
@@ -109,6 +111,7 @@ pub struct Answer {
     /// [`AnswerOutcome`].
     pub outcome: u32,
 }
+table!(Answer: value, scan, tripped @ Axes, rests @ Axes, number, outcome);
 
 /// What the inputs show at the start of a scan.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
@@ -125,6 +128,7 @@ pub struct Inputs {
     /// how many jogs are, in a signed byte.
     pub panel: u32,
 }
+table!(Inputs: analog, digital, contact, panel);
 
 /// Largest override of feed and of jogs: twice what was asked for, in percent.
 pub const OVERRIDE_MAX_PERCENT: u32 = 200;

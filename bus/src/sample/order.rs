@@ -5,6 +5,8 @@ use iceoryx2::prelude::ZeroCopySend;
 
 use super::MAX_AXES;
 
+use crate::table;
+
 /// What an operator, or the launcher for him, asks of the master.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
 #[type_name("quadrant/OperatorRequest/5")]
@@ -35,6 +37,10 @@ pub struct OperatorRequest {
     /// Ways of a jog along a straight line, by axis, in mm or degrees; all 0 of a jog of one axis.
     pub line_mm: [f64; MAX_AXES],
 }
+table!(
+    OperatorRequest: order, axis, value, speed_mm_s, latest_scan, session, deadline_scans, count, velocity_mode,
+    line_mm @ Axes,
+);
 
 wire_enum! {
     /// The orders. Numbers stay what they are: they travel on the wire and are in logs.

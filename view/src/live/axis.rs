@@ -6,6 +6,7 @@ use bus::sample::{AxisCommand, AxisFeedback, Redundancy, Reference};
 use bus::service::ROLES;
 use bytemuck::Zeroable;
 use machine::{Axis, TURN_DEG};
+use monitor::quantities;
 use remote::state::AxisState;
 use report::turns::Turns;
 
@@ -143,7 +144,6 @@ impl AxisView {
             torque_nm: rounded(now.torque_nm, 4),
             torque_percent: rounded(now.torque_nm / self.rated_nm * 100.0, 2),
             torque_limited: now.torque_limited == 1,
-            winding_k: rounded(now.winding_k, 3),
             friction: match friction_level {
                 Some(level) => format!("{:.0}%", level * 100.0),
                 None if self.has_model => "tuned".into(),
@@ -161,6 +161,9 @@ impl AxisView {
             standby: self.redundancy().words().into(),
             standby_differences: now.differences,
             reference: self.reference_words().into(),
+            quantities: quantities::OF_AXIS
+                .map(|one| (one.key.into(), round(Some((one.of)(now)), 3)))
+                .into(),
             ..AxisState::default()
         }
     }

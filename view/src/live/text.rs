@@ -4,6 +4,7 @@ use std::fmt::Write;
 
 use bus::sample::{ProgramState as Progress, Redundancy};
 use machine::Machine;
+use monitor::quantities;
 use remote::state::{AxisState, CellState, Death, LinkState, ProcessState, ProgramState, Readout};
 
 use super::axis::ABSOLUTE;
@@ -161,26 +162,32 @@ fn readout(text: &mut String, state: &CellState, machine: &Machine) {
 
 /// A line for each axis.
 fn axes(text: &mut String, state: &CellState) {
-    let _ = write!(
-        text,
-        "\n\n  axis      command     feedback  following error  torque  winding  friction  missed  servo"
-    );
+    *text += "\n\n  axis      command     feedback  following error  torque";
+    for one in &quantities::OF_AXIS {
+        *text += "  ";
+        *text += one.heading;
+    }
+    *text += "  friction  missed  servo";
     for axis in &state.axes {
         let error = axis.following_error_um.map_or("-".into(), |error_um| {
             format!("{error_um:+.1} {}", error_unit(axis))
         });
         let _ = write!(
             text,
-            "\n  {:<2} {:<3} {:>+10.4}  {:>+11.4}  {error:>15}  {:>4.0} %  {:>+5.1} K  {:>8}  {:>6}  {}",
-            axis.axis,
-            axis.unit,
-            axis.command_mm,
-            axis.feedback_mm,
-            axis.torque_percent,
-            axis.winding_k,
-            axis.friction,
-            axis.missed_scans,
-            axis.servo
+            "\n  {:<2} {:<3} {:>+10.4}  {:>+11.4}  {error:>15}  {:>4.0} %",
+            axis.axis, axis.unit, axis.command_mm, axis.feedback_mm, axis.torque_percent
+        );
+        for one in &quantities::OF_AXIS {
+            let value = axis.quantities.get(one.key).copied().flatten();
+            let value = value.map_or("-".into(), |value| {
+                format!("{value:+.*} {}", one.decimals, one.unit)
+            });
+            let _ = write!(text, "  {value:>width$}", width = one.heading.len());
+        }
+        let _ = write!(
+            text,
+            "  {:>8}  {:>6}  {}",
+            axis.friction, axis.missed_scans, axis.servo
         );
         if axis.reference != ABSOLUTE {
             let _ = write!(text, "  {}", axis.reference);

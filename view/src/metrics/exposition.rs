@@ -8,6 +8,7 @@ use std::path::Path;
 
 use bus::sample::{Cause, Job, Mode, ProgramState, Redundancy};
 use machine::AxisKind;
+use monitor::quantities::OF_AXIS;
 use prometheus_client::collector::Collector;
 use prometheus_client::encoding::text::encode;
 use prometheus_client::encoding::{DescriptorEncoder, MetricEncoder, NoLabelSet};
@@ -404,9 +405,15 @@ impl Snapshot {
         let help = "Largest magnitude of the torque since this process started.";
         let peak: Of = |axis| &axis.torque_peak_nm;
         families.of_axes("axis_torque_peak", nm, help, axes, peak)?;
-        let help = "Winding temperature above ambient.";
-        let rise: Of = |axis| &axis.winding_k;
-        families.of_axes("axis_winding_rise", "kelvin", help, axes, rise)?;
+        for (index, one) in OF_AXIS.iter().enumerate() {
+            let (name, unit) = one.metric;
+            let name = format!("axis_{name}");
+            let known = axes.iter().filter_map(|axis| {
+                let value = axis.values.quantities.get(index)?.get()?;
+                Some((vec![("axis", axis.name.as_str())], Sample::Real(value)))
+            });
+            families.family((&name, unit), MetricType::Gauge, one.help, known)?;
+        }
         let help = "Friction that the servo goes by, as a part of that of its model.";
         let level: Of = |axis| &axis.friction_level;
         families.of_axes("axis_friction_level", "ratio", help, axes, level)?;

@@ -8,6 +8,7 @@ use std::sync::{Mutex, PoisonError};
 use bus::member::Pace;
 use bus::sample::{BusCycle, Cause, Feedback};
 use machine::{AxisKind, Machine, Process};
+use monitor::quantities::OF_AXIS;
 
 /// Upper ends of the buckets of following errors: those of slides, in m, are the first, those of rotary axes, in rad, the last
 /// [`ERROR_BUCKETS`].
@@ -152,8 +153,8 @@ pub struct AxisValues {
     pub torque_peak_nm: Number,
     /// Scans with the torque at its limit.
     pub torque_limited_scans: Count,
-    /// Winding above ambient.
-    pub winding_k: Number,
+    /// Numbers that are shown as the feedback has them, in their order.
+    pub quantities: [Number; OF_AXIS.len()],
     /// Scans without a command in time.
     pub missed_scans: Count,
     /// Redundancy on the wire.

@@ -14,6 +14,7 @@ use console::signals::Signals;
 use console::{logs, output};
 use launcher::children::{Child, children_of};
 use machine::{Machine, Process};
+use monitor::quantities::OF_AXIS;
 use operator::{Client, held, program_behind};
 use program::Program;
 
@@ -202,7 +203,9 @@ impl Watch {
                 .set(base_unit(axis.kind, view.command_mm()));
             values.torque_nm.set(now.torque_nm);
             values.torque_peak_nm.raise_to(now.torque_nm.abs());
-            values.winding_k.set(now.winding_k);
+            for (number, one) in values.quantities.iter().zip(&OF_AXIS) {
+                number.set((one.of)(now));
+            }
             values.missed_scans.set(u64::from(now.missed_scans));
             values.redundancy.set(f64::from(now.redundancy));
             values.differences.set(u64::from(now.differences));

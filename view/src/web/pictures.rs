@@ -5,6 +5,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use axum::body::Bytes;
 use machine::TURN_DEG;
+use monitor::quantities;
 use path::geometry::{AxisVector, Element, Feed, Path, Shape};
 use serde::Serialize;
 use serde_json::json;
@@ -154,6 +155,9 @@ fn machine(model: &Model) -> Bytes {
         "machine": machine.name,
         "period_us": machine.scan.period_us,
         "axes": axes.collect::<Vec<_>>(),
+        "quantities": quantities::OF_AXIS.map(|one| {
+            json!({ "key": one.key, "heading": one.heading, "unit": one.unit, "decimals": one.decimals })
+        }),
     });
     text.to_string().into()
 }

@@ -1,6 +1,7 @@
 //! One row per axis.
 
 use bus::sample::Reference;
+use monitor::quantities;
 use ratatui::Frame;
 use ratatui::layout::Rect;
 use ratatui::style::Style;
@@ -13,8 +14,10 @@ use crate::live::axis::{ABSOLUTE, AxisView};
 use crate::live::palette::Palette;
 use crate::live::text::error_unit;
 
-/// Characters of a row beside the bars.
-const FIXED: u16 = 76;
+/// Characters of a row beside the bars and the quantities.
+const FIXED: u16 = 69;
+/// Characters of a quantity.
+const QUANTITY: usize = 7;
 /// Characters of the mark at axes that are not homed.
 const MARK: u16 = 3;
 /// Heights of a bar.
@@ -27,22 +30,23 @@ pub fn draw(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
     let palette = screen.palette;
     let axes = &screen.model.shown.state.axes;
     let mark = axes.iter().any(|axis| !not_homed(axis).is_empty());
-    let fixed = FIXED + if mark { MARK } else { 0 };
+    let quantities = (QUANTITY * quantities::OF_AXIS.len()) as u16;
+    let fixed = FIXED + quantities + if mark { MARK } else { 0 };
     let bars = usize::from(area.width.saturating_sub(fixed).clamp(4, 60));
-    let heading = format!(
-        " {:<5}{:>11}{:>11}{:>9}{:>8} {:<bars$}{:>7}{:>7}{:>7}{:>6} {}",
+    let mut heading = format!(
+        " {:<5}{:>11}{:>11}{:>9}{:>8} {:<bars$}{:>7}",
         "axis",
         "command",
         "feedback",
         error_heading(axes),
         "peak",
         "history",
-        "torque",
-        "wind.K",
-        "frict.",
-        "miss",
-        "by"
+        "torque"
     );
+    for one in &quantities::OF_AXIS {
+        heading += &format!("{:>QUANTITY$}", one.short);
+    }
+    heading += &format!("{:>7}{:>6} {}", "frict.", "miss", "by");
     let mut lines = vec![Line::styled(heading, palette.title())];
     let views = axes.iter().zip(&screen.model.axes);
     lines.extend(views.map(|(axis, view)| row(axis, view, bars, palette)));
@@ -80,7 +84,12 @@ fn row(axis: &AxisState, view: &AxisView, bars: usize, palette: Palette) -> Line
     let missing = axis.missed_in_a_row > 0;
     let missed = format!("{}{}", if missing { "▲" } else { "" }, axis.missed_scans);
     let missed_style = warn_if(missing, Style::new());
-    Line::from(vec![
+    let quantities = quantities::OF_AXIS.iter().map(|one| {
+        let value = axis.quantities.get(one.key).copied().flatten();
+        let value = value.map_or("-".into(), |value| format!("{value:.*}", one.decimals));
+        Span::raw(format!("{value:>QUANTITY$}"))
+    });
+    let mut spans = vec![
         Span::styled(format!(" {:<2}", axis.axis), palette.title()),
         Span::styled(format!("{:<3}", axis.unit), palette.quiet()),
         Span::raw(format!(
@@ -94,11 +103,15 @@ fn row(axis: &AxisState, view: &AxisView, bars: usize, palette: Palette) -> Line
         )),
         Span::styled(format!("{:<bars$}", history(view, bars)), palette.good()),
         Span::styled(torque, torque_style),
-        Span::raw(format!("{:>7.1}{:>7}", axis.winding_k, axis.friction)),
+    ];
+    spans.extend(quantities);
+    spans.extend([
+        Span::raw(format!("{:>7}", axis.friction)),
         Span::styled(format!("{missed:>6}"), missed_style),
         Span::raw(format!(" {}", axis.servo)),
         Span::styled(not_homed(axis), palette.warn()),
-    ])
+    ]);
+    Line::from(spans)
 }
 
 /// A number of µm or mdeg in at most eight characters.

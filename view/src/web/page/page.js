@@ -58,7 +58,7 @@ function axisRows(machine) {
       name,
       cell("", element("span", "", { class: "position" }), element("span", "", { class: "unit" }), element("span", "", { class: "second" })),
       cell("error", element("span", ""), bar()),
-      cell("more torque", element("span", ""), bar()),
+      cell("more torque", element("span", ""), bar(), element("span", "", { class: "second" })),
       cell("jog", buttons[0], " ", buttons[1], " ", zero),
     );
     return row;
@@ -92,6 +92,8 @@ function axes(frame) {
     level(error.children[1], off / (limits.following_error_limit_um ?? limits.following_error_limit_mdeg));
     put(torque.children[0], `${fixed(axis.torque_percent, 0)} %${axis.torque_limited ? " limit" : ""}`);
     level(torque.children[1], axis.torque_percent / 100);
+    const quantities = state.machine.quantities.map(({ key, heading, unit, decimals }) => `${heading} ${fixed(axis[key], decimals)} ${unit}`);
+    put(torque.children[2], quantities.join("   "));
   });
 }
 
