@@ -29,19 +29,19 @@ mod restart;
 pub use death::Death;
 use register::Register;
 
-/// Until then every process must have reported that it is ready.
+/// Longest wait until every process has reported that it is ready.
 const READY_LIMIT: Duration = Duration::from_secs(30);
-/// So long a process may take to leave in order, the recorder with its queue to empty among them.
+/// Longest time in which a process leaves in order, the recorder with its queue to empty among them.
 pub const LEAVE_LIMIT: Duration = Duration::from_secs(60);
-/// Those who have nothing left to do once the master has left in order, and still live by then, have missed the last feedback: a
-/// process that was stopped, or was slow to come. They are told.
+/// Time after the master's leave in order from which on a process that still lives has missed the last feedback: it was stopped, or slow
+/// to come. It is told.
 const MISSED_LAST_LIMIT: Duration = Duration::from_millis(500);
-/// Whoever of them has not left by then is ended.
+/// Time after which such a process is ended.
 const IDLE_LEAVE_LIMIT: Duration = Duration::from_secs(2);
 /// The same where the master is gone and nothing is left to wait for.
 pub const LEAVE_LIMIT_AFTER_MACHINE: Duration = Duration::from_secs(2);
 
-/// So long a recorder may come no further without having taken the last scan: it has missed that, and waits for nothing.
+/// Longest time without progress of a recorder that has not taken the last scan: it has missed it, and waits for nothing.
 const RECORDER_IDLE_LIMIT: Duration = Duration::from_secs(1);
 
 /// The longest wait without looking who has left.

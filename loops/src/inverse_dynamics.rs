@@ -206,12 +206,14 @@ impl InverseDynamics {
         belief: &Belief,
     ) -> Wanted {
         if state.running == 0 {
+            // The axis was moved by others, who wound no spring of this model: the way until here is none.
             let [compensation_mm, ..] = state.compensation_mm;
             state.running = 1;
             state.far_mm = ahead.far.position_mm;
             state.near_mm = ahead.near.position_mm;
             state.motor_mm = ahead.here.position_mm + compensation_mm;
         }
+        // Each part looks as far ahead as it takes until it acts: the crossing by half its time, the filter by its delay.
         let (gap_mm, gap_mm_s2) = self.cross_gap(state, &ahead.far, belief);
         let contact_n_per_s2 = self.carry(state, &ahead.near, belief);
         let (learned_mm, learned_nm) = self.load_trained(state, &ahead.here, learned);
@@ -226,6 +228,7 @@ impl InverseDynamics {
         let motor_travel_mm = motor_mm - state.motor_mm;
         state.motor_mm = motor_mm;
         let motor_mm_s = motor_travel_mm / self.scan_s;
+        // The motor rubs along its own way, compensation included: while it crosses the gap, the table stands.
         let motor_friction_n = self.motor_friction.update(
             &mut state.motor_n,
             motor_travel_mm,
@@ -233,7 +236,7 @@ impl InverseDynamics {
             &belief.level,
         );
         let force_n = self.force_n(state, ahead, motor_mm_s, motor_friction_n);
-        // Held over a scan: its mean.
+        // The drive holds the torque over the scan: the mean of both ends does the work that is asked for in it.
         let mean_n = 0.5 * (force_n + state.force_n);
         state.force_n = force_n;
         // The compensation's own acceleration, from its parts: a difference of differences would be noise.
@@ -244,6 +247,8 @@ impl InverseDynamics {
             0.0
         };
 
+        // The model runs ahead of the position command, which is compared with the encoder now: it gets what was due then. A lead
+        // between two scans is met between their compensations.
         state.compensation_mm.rotate_right(1);
         let [now, .., first] = &mut state.compensation_mm;
         *now = compensation_mm;
@@ -277,6 +282,7 @@ impl InverseDynamics {
             (on_motor_n + contact_n, contact_n, motor_n, table_n)
         };
         let (mut low_mm, mut high_mm) = (-REST_TRAVEL_MM, REST_TRAVEL_MM);
+        // Springs carry more the further they are wound, so the torque is found by halving; beyond both ends no winding carries it.
         let carried = moved(low_mm).0 <= wanted_n && wanted_n <= moved(high_mm).0;
         if !self.parts.friction || !carried {
             return;
@@ -348,6 +354,7 @@ impl InverseDynamics {
         if contact_n != 0.0 && (with_acceleration || contact_n.abs() > lasting_n) {
             state.side_wanted = if contact_n > 0.0 { 1.0 } else { -1.0 };
         }
+        // From side to side (2) in the time of a traversal; one that is called back on the way turns round where it is.
         let step = 2.0 * self.scan_s / self.traversal_s;
         let before = state.side;
         state.side += (state.side_wanted - before).max(-step).min(step);
@@ -369,6 +376,7 @@ impl InverseDynamics {
             self.table_friction
                 .update(&mut state.table_n, travel_mm, near.velocity_mm_s, level);
         let wanted_n = self.contact_n(near, friction_n);
+        // In closed form: a difference equation would ring where the bandwidth comes near the scan rate.
         let decay = libm::exp(-self.smoothing_rad_s * self.scan_s);
         let off_n = state.contact_n - wanted_n;
         let slope = state.contact_n_per_s + self.smoothing_rad_s * off_n;
@@ -387,6 +395,7 @@ impl InverseDynamics {
         here: &Motion,
         learned: Option<&LearnedTable>,
     ) -> (f64, f64) {
+        // A reversal of the command, not of the motor: what was learned stands over the table's way behind it.
         let step_mm = here.velocity_mm_s * self.scan_s;
         if step_mm * state.direction < 0.0 || (state.direction == 0.0 && step_mm != 0.0) {
             state.direction = if step_mm > 0.0 { 1.0 } else { -1.0 };

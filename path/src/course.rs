@@ -31,7 +31,7 @@ const JUNCTION_JERK_SHARE: f64 = 0.5;
 const BEND_HEIGHT: f64 = 0.75;
 /// A piece is cut so that what is left for changes of speed falls, on a way of its length at what is left at rest, by at most this share of it.
 const FALL_STEP: f64 = 0.5;
-/// So often at most.
+/// Largest number of such pieces.
 const FALL_CUTS_MAX: usize = 64;
 /// Half width of a junction's zone, in scans of travel (h above): wide zones suit lone kinks (1/ρ of their speed is lost),
 /// narrow ones dense kinks (2hρ). Of 0.5, 0.75 and 1, and shares of 0.6 to 0.75, this pair was fastest over chord
@@ -54,11 +54,11 @@ struct Stretch<'a> {
     from_mm: f64,
     to_mm: f64,
     sharing: &'a Sharing,
-    /// What the axes bear, in mm/s.
+    /// Speed that the axes bear, in mm/s.
     speed_mm_s: f64,
-    /// What is asked for at the highest override, in mm/s.
+    /// Feed at the highest override, in mm/s.
     asked_mm_s: f64,
-    /// Once it was asked for.
+    /// Speed in the zone of a junction, in mm/s, once it was asked for.
     beside_junction_mm_s: OnceCell<f64>,
     /// A rapid between places where it has to stop or nearly so: it begins and ends at rest.
     from_rest_to_rest: bool,
@@ -133,8 +133,8 @@ pub(crate) struct Course<'a> {
     zone_ends: Vec<(f64, u32)>,
 }
 
-/// So many half zones, one behind the other, one junction can have a part in: in each round of sharing those of two zones that overlap, and at last
-/// its own. As a distance at `v` mm/s: [`margin_mm`].
+/// Half zones, one behind the other, that one junction can have a part in: in each round of sharing those of two zones that overlap, and at
+/// last its own. As a distance at `v` mm/s: [`margin_mm`].
 const ZONES_TOGETHER: f64 = 2.0 * (SHARING_ROUNDS as f64 + 1.0) + 2.0;
 
 /// How far the elements of a path have a part in what is made of one, in mm, where none is faster than this.
@@ -194,6 +194,7 @@ impl<'a> Course<'a> {
                     override_max,
                 );
             let last = course.stretches.last();
+            // Where the path rests, no junction is crossed in motion.
             if from_rest_to_rest || last.is_some_and(|last| last.from_rest_to_rest) {
                 before = None;
             }
@@ -373,6 +374,7 @@ impl<'a> Course<'a> {
     /// Lowers junction speeds until the zones that overlap anywhere are within their share together.
     pub fn share_among_junctions(&mut self) {
         for round in 0..=SHARING_ROUNDS {
+            // All are judged before one is slowed down, so that the result does not depend on their order.
             let mut excesses = vec![1.0f64; self.junctions.len()];
             self.lay_out_zones();
             self.sweep(|stretch, _, _, active| {
@@ -508,6 +510,7 @@ impl<'a> Course<'a> {
             self.add_dwells(next_element..stretch.element, &mut segments);
             next_element = stretch.element + 1;
             let (reserved, fastest_mm_s) = self.reserved(stretch, active);
+            // Crossings and changes of speed add up in an axis: what the zones reserve is not there for the latter.
             let mut left_mm_s2 = self.limits.acceleration_mm_s2;
             for (left, reserved) in left_mm_s2.iter_mut().zip(&reserved.of_acceleration) {
                 *left -= reserved;
@@ -528,6 +531,7 @@ impl<'a> Course<'a> {
                 false => acceleration,
             };
             let length_mm = to_mm - from_mm;
+            // A piece has one acceleration, its least: on a curve, where that falls with the speed, a long piece would waste most of it.
             let falls = 2.0 * acceleration.steepest_per_mm() * length_mm;
             let cuts = (libm::ceil(falls / FALL_STEP) as usize).clamp(1, FALL_CUTS_MAX);
             let mut begin_mm = from_mm;
