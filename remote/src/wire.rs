@@ -21,6 +21,8 @@ const ITEMS_MAX: usize = 400;
 const AXES_MAX: usize = 8;
 /// Processes of a cell.
 const PROCESSES_MAX: usize = 24;
+/// Numbers of an axis beside those that have fields of their own.
+const QUANTITIES_MAX: usize = 16;
 /// Bars of the timing.
 const BARS_MAX: usize = 16;
 /// Degrees of a circle.
@@ -318,6 +320,14 @@ message!(Snapshot, |message| {
         .map_or(0, |timing| timing.bars.len());
     check_count("axes", state.axes.len(), AXES_MAX)?;
     check_count("processes", state.processes.len(), PROCESSES_MAX)?;
+    let quantities = state.axes.iter().map(|axis| &axis.quantities);
+    for quantities in quantities {
+        check_count("numbers of an axis", quantities.len(), QUANTITIES_MAX)?;
+        let plain = |letter: char| matches!(letter, 'a'..='z' | '0'..='9' | '_');
+        if let Some(key) = quantities.keys().find(|key| !key.chars().all(plain)) {
+            return Err(refuse("a number of an axis", plain_text(key)));
+        }
+    }
     check_count("reversals", reversals.len(), REVERSALS_MAX)?;
     check_count("bars", bars, BARS_MAX)?;
     if reversals.len() as u64 > message.reversals_count {

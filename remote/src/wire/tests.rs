@@ -100,7 +100,7 @@ fn refused(change: impl FnOnce(&mut Snapshot)) -> String {
 #[test]
 fn what_no_server_of_ours_would_send_is_refused_by_its_name() {
     let axis = || AxisState::default();
-    let cases: [(&str, String); 12] = [
+    let cases: [(&str, String); 14] = [
         ("format 6", refused(|s| s.format = 6)),
         ("pace", refused(|s| s.state.pace = Some("slow".into()))),
         (
@@ -118,6 +118,20 @@ fn what_no_server_of_ours_would_send_is_refused_by_its_name() {
         (
             "override_percent",
             refused(|s| s.state.override_percent = Some(201)),
+        ),
+        (
+            "numbers of an axis: 17",
+            refused(|s| {
+                let more = (0..17).map(|number| (format!("more_{number}"), Some(1.0)));
+                s.state.axes[0].quantities = more.collect();
+            }),
+        ),
+        (
+            "a number of an axis:  [2J",
+            refused(|s| {
+                let key = "\u{1b}[2J".to_string();
+                s.state.axes[0].quantities.insert(key, Some(1.0));
+            }),
         ),
         ("reversal's axis", refused(|s| s.reversals[0].axis = 2)),
         ("direction", refused(|s| s.reversals[0].direction = 0)),
