@@ -320,12 +320,11 @@ message!(Snapshot, |message| {
         .map_or(0, |timing| timing.bars.len());
     check_count("axes", state.axes.len(), AXES_MAX)?;
     check_count("processes", state.processes.len(), PROCESSES_MAX)?;
-    let quantities = state.axes.iter().map(|axis| &axis.quantities);
-    for quantities in quantities {
+    let plain = |letter: char| matches!(letter, 'a'..='z' | '0'..='9' | '_');
+    for quantities in state.axes.iter().map(|axis| &axis.quantities) {
         check_count("numbers of an axis", quantities.len(), QUANTITIES_MAX)?;
-        let plain = |letter: char| matches!(letter, 'a'..='z' | '0'..='9' | '_');
-        if let Some(key) = quantities.keys().find(|key| !key.chars().all(plain)) {
-            return Err(refuse("a number of an axis", plain_text(key)));
+        if !quantities.keys().all(|key| key.chars().all(plain)) {
+            return Err(refuse("numbers of an axis", "a key that is no name"));
         }
     }
     check_count("reversals", reversals.len(), REVERSALS_MAX)?;

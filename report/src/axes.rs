@@ -3,7 +3,6 @@
 use std::collections::BTreeMap;
 
 use machine::{Axis, AxisKind, DriveMode};
-use monitor::quantities::{OF_AXIS, Quantity};
 use serde::ser::{Serialize, SerializeMap, Serializer};
 
 use super::evaluation::Evaluation;
@@ -157,26 +156,13 @@ impl PredictionReport {
     }
 }
 
-/// Key of the largest magnitude of a quantity.
-fn peak_key(of: &Quantity) -> String {
-    format!("{}_peak", of.key)
-}
-
 impl AxisReport {
-    /// Largest magnitude of a quantity.
-    pub(super) fn peak(&self, of: &Quantity) -> Option<f64> {
-        self.quantities.get(&peak_key(of)).copied()
-    }
-
     /// Of one axis that was measured.
     fn of(axis: &Axis, meter: &AxisMeter, scan_period_s: f64) -> AxisReport {
         let following_error = following_error(meter);
         let of_kind = |kind| (axis.kind == kind).then_some(following_error);
         let prediction = meter.prediction.as_ref();
-        let peaks = OF_AXIS.iter().zip(&meter.quantities);
-        let quantities: BTreeMap<String, f64> = peaks
-            .map(|(one, peak)| (peak_key(one), r3(*peak)))
-            .collect();
+        let quantities = meter.quantities.by_key(r3);
         let rise_k = quantities.get("winding_k_peak").copied();
         AxisReport {
             axis: axis.name.clone(),

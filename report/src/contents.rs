@@ -7,7 +7,7 @@ use serde_json::Value as Json;
 use super::axes::{AxisReport, PeakRmsPercentiles};
 use super::cause_sections;
 use super::document::{Block, Columns, Document, Fact, Outcome, Section, digits, section};
-use super::json::{ArcReport, NoteReport, Report, ReversalReport, ScanRange};
+use super::json::{ArcReport, NoteReport, Report, ScanRange};
 use super::match_up::orders;
 use super::outcome::OutcomeKind;
 use super::peaks::PeakReport;
@@ -15,6 +15,7 @@ use super::rounded::{r3, um};
 use crate::measure::auxiliary::AuxiliaryEvent;
 use crate::measure::faults::FaultResult;
 use crate::measure::outcome::Reaction;
+use crate::measure::reversal::ReversalResult;
 use monitor::said::Line;
 
 /// Blocks that the text shows: those with the largest contour error.
@@ -471,7 +472,7 @@ fn reversal_facts(report: &Report, on_arcs: usize) -> Vec<Fact> {
 }
 
 fn reversals(report: &Report) -> Section {
-    type Reversal = ReversalReport;
+    type Reversal = ReversalResult;
     let sign = |r: &Reversal| if r.new_direction > 0 { '+' } else { '-' };
     let steady = |r: &Reversal| if r.steady { "" } else { " *" };
     // All are counted, so that the order is that of travel; those on arcs have something to compare.
@@ -542,7 +543,10 @@ fn drives(report: &Report) -> Section {
         .key("torque_rms_nm")
         .number("of rated", "%", 0, |axis| Some(axis.torque_rms_percent));
     for one in &OF_AXIS {
-        table = table.number(one.heading, one.unit, one.decimals, |axis| axis.peak(one));
+        let key = one.peak_key();
+        table = table.number(one.heading, one.unit, one.decimals, |axis| {
+            axis.quantities.get(&key).copied()
+        });
     }
     let table = table
         .count("Missed scans", |axis| axis.missed_scans.into())

@@ -19,6 +19,7 @@ use crate::measure::axis::LimitCounts;
 use crate::measure::faults::{FaultResult, ProcessResult};
 use crate::measure::fit::FitKind;
 use crate::measure::outcome::StopReason;
+use crate::measure::reversal::ReversalResult;
 use monitor::said::Line;
 
 /// The whole report.
@@ -81,7 +82,7 @@ pub struct Report {
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub one_way_circles: Vec<BallBarReport>,
     /// Changes of direction of a command.
-    pub reversals: Vec<ReversalReport>,
+    pub reversals: Vec<ReversalResult>,
     /// How many more there were; left out where all are listed.
     #[serde(skip_serializing_if = "is_none")]
     pub reversals_not_listed: u64,
@@ -208,35 +209,6 @@ pub struct ArcReport {
     pub motor_radius_error_um: Option<f64>,
 }
 
-/// One change of direction.
-#[derive(Debug, Clone, Serialize)]
-pub struct ReversalReport {
-    /// The axis.
-    pub axis: String,
-    /// −1 or 1.
-    pub new_direction: i32,
-    /// First scan commanded in the new direction.
-    pub scan: u64,
-    /// Line of the program.
-    pub block: Option<u32>,
-    /// Radius of the arc; null elsewhere.
-    pub radius_mm: Option<f64>,
-    /// Programmed feed; null at rapid.
-    pub feed_mm_min: Option<f64>,
-    /// What starts the pulse; `none` where the axis has none.
-    pub trigger: &'static str,
-    /// How long before the command's reversal the pulse began; null if none began.
-    pub kick_lead_ms: Option<f64>,
-    /// Highest residual in the window; null where the window is not wholly on an arc.
-    pub protrusion_um: Option<f64>,
-    /// Lowest residual.
-    pub undercut_um: Option<f64>,
-    /// Width of the protrusion at half its height.
-    pub width_half_height_ms: Option<f64>,
-    /// Whether the arc was in steady motion over the whole window.
-    pub steady: bool,
-}
-
 impl Report {
     /// Puts a measurement into the words of the report.
     pub fn new(evaluation: &Evaluation) -> Report {
@@ -298,7 +270,7 @@ impl Report {
                 .collect(),
             ball_bar,
             one_way_circles,
-            reversals: reversals(evaluation),
+            reversals: measurements.reversals.clone(),
             reversals_not_listed: evaluation.measurements.reversals_not_listed,
             limits: measurements.limits,
             processes: measurements.processes.clone(),
@@ -403,30 +375,4 @@ fn arc(result: &ArcResult, evaluation: &Evaluation) -> ArcReport {
         motor_circular_deviation_um: r3(result.motor.circular_um),
         motor_radius_error_um: radius_error(&result.motor),
     }
-}
-
-fn reversals(evaluation: &Evaluation) -> Vec<ReversalReport> {
-    let of = |axis: usize| {
-        let axis = evaluation.machine.axes.get(axis);
-        axis.map_or_else(|| "?".into(), |axis| axis.name.clone())
-    };
-    let measured = evaluation.measurements.reversals.iter();
-    measured
-        .map(|reversal| ReversalReport {
-            axis: of(reversal.axis),
-            new_direction: reversal.new_direction,
-            scan: reversal.scan,
-            block: reversal.line,
-            radius_mm: reversal
-                .radius_mm
-                .map(|radius_mm| libm::round(radius_mm * 1e6) / 1e6),
-            feed_mm_min: reversal.feed_mm_s.map(|feed| r3(feed * 60.0)),
-            trigger: reversal.trigger,
-            kick_lead_ms: reversal.pulse_lead_ms.map(r3),
-            protrusion_um: reversal.protrusion_um.map(r3),
-            undercut_um: reversal.undercut_um.map(r3),
-            width_half_height_ms: reversal.width_half_height_ms.map(r3),
-            steady: reversal.steady,
-        })
-        .collect()
 }

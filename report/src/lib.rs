@@ -57,9 +57,7 @@ pub use axes::{AxisReport, BlockReport, PeakRmsPercentiles, PredictionReport};
 pub use causes::{BallBarReport, CauseReport, ContourPartReport, ContourPartsReport, OneWayReport};
 pub use error::ReportError;
 pub use evaluation::{Evaluation, evaluate, run_path};
-pub use json::{
-    ArcReport, LogReport, OutcomeReport, PartReport, PeakRms, Report, ReversalReport, ScanRange,
-};
+pub use json::{ArcReport, LogReport, OutcomeReport, PartReport, PeakRms, Report, ScanRange};
 pub use outcome::OutcomeKind;
 pub use peaks::PeakReport;
 pub use rounded::MaxMin;

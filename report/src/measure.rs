@@ -226,7 +226,7 @@ impl Analysis {
             .take(self.machine.program_axes().len())
             .flat_map(|(axis, meter)| meter.finish(axis, &self.machine, self.path.whole(), &arcs))
             .collect();
-        reversals.sort_by_key(|reversal| (reversal.scan, reversal.axis));
+        reversals.sort_by_key(|reversal| (reversal.scan, reversal.index));
         let last_scan = self.last.as_ref().map(|feedback| feedback.scan);
         let (processes, faults) = self.faults.finish();
         Measurements {

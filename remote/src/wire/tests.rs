@@ -127,7 +127,7 @@ fn what_no_server_of_ours_would_send_is_refused_by_its_name() {
             }),
         ),
         (
-            "a number of an axis:  [2J",
+            "numbers of an axis: a key that is no name",
             refused(|s| {
                 let key = "\u{1b}[2J".to_string();
                 s.state.axes[0].quantities.insert(key, Some(1.0));

@@ -5,7 +5,7 @@ pub mod percentiles;
 
 use bus::sample::{AxisCommand, AxisFeedback, Feedback, MAX_AXES, Mode};
 use machine::{Axis, Machine, WithinPeriod};
-use monitor::quantities::OF_AXIS;
+use monitor::quantities::Peaks;
 use path::travel::Travel;
 use serde::Serialize;
 
@@ -33,8 +33,8 @@ pub struct AxisMeter {
     pub torque_cut_nm_peak: f64,
     /// What the servo goes by as to friction.
     pub friction: FrictionMeter,
-    /// Largest magnitudes of the numbers that are shown as the feedback has them, in their order.
-    pub quantities: [f64; OF_AXIS.len()],
+    /// Numbers that are shown as the feedback has them.
+    pub quantities: Peaks,
     /// Scans without a command in time.
     pub missed_scans: u32,
     /// Of a second motor its position less that of its axis's first, in mm, while the drives were on.
@@ -94,12 +94,7 @@ impl AxisMeter {
         // A master that was restarted counts from nothing.
         self.missed_before = self.missed_before.min(feedback.missed_scans);
         self.missed_scans = feedback.missed_scans - self.missed_before;
-        for (peak, one) in self.quantities.iter_mut().zip(&OF_AXIS) {
-            let value = (one.of)(feedback).abs();
-            if value.is_finite() {
-                *peak = peak.max(value);
-            }
-        }
+        self.quantities.take(feedback);
         if !drives_on {
             return;
         }

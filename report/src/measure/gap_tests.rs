@@ -205,7 +205,7 @@ fn no_reversal_is_seen_across_a_gap_and_none_is_measured_with_one_in_its_window(
         for expected in &whole.reversals {
             let found = left
                 .iter()
-                .position(|r| (r.axis, r.scan) == (expected.axis, expected.scan));
+                .position(|r| (r.index, r.scan) == (expected.index, expected.scan));
             if expected.scan == turn && expected.axis == on_arc[2].axis {
                 assert_eq!(found.is_some(), seen, "{words}");
             }
@@ -244,13 +244,13 @@ fn a_gap_invents_no_error_and_exceeds_no_limit() {
 fn a_pulse_that_already_runs_behind_a_gap_has_no_known_beginning() {
     let whole = measure(&[]);
     let on_arc: Vec<&ReversalResult> = whole.reversals.iter().filter(|r| r.steady).collect();
-    let (axis, turn) = (on_arc[2].axis, on_arc[2].scan);
-    assert!(on_arc[2].pulse_lead_ms.is_some());
+    let (axis, turn) = (on_arc[2].index, on_arc[2].scan);
+    assert!(on_arc[2].kick_lead_ms.is_some());
     // It began four scans before its reversal.
     let measured = measure_without(turn - 20..turn - 3);
     let found = measured
         .reversals
         .iter()
-        .find(|r| (r.axis, r.scan) == (axis, turn));
-    assert_eq!(found.map(|r| r.pulse_lead_ms), Some(None));
+        .find(|r| (r.index, r.scan) == (axis, turn));
+    assert_eq!(found.map(|r| r.kick_lead_ms), Some(None));
 }

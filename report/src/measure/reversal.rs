@@ -3,8 +3,10 @@
 use bus::sample::{AxisCommand, PathTag};
 use machine::{Machine, ReversalMethod};
 use path::geometry::{Feed, Path, Shape};
+use serde::Serialize;
 
 use super::arc::{ArcResult, Quadrant};
+use crate::rounded::r3;
 use crate::turns::Turns;
 
 /// Longest time by which a friction pulse may come after the reversal it belongs to, in s.
@@ -16,25 +18,28 @@ const PULSES_MAX: usize = 4 * REVERSALS_MAX;
 /// Largest difference between the angle of a reversal and the quadrant it is matched with, in rad.
 const QUADRANT_RAD: f64 = 0.2;
 
-/// One reversal.
-#[derive(Debug, Clone, PartialEq)]
+/// One reversal, as the report has it.
+#[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ReversalResult {
-    /// Axis index.
-    pub axis: usize,
+    /// The axis.
+    pub axis: String,
+    /// Its index.
+    #[serde(skip)]
+    pub index: usize,
     /// Direction after it: −1 or 1.
     pub new_direction: i32,
     /// First scan commanded in the new direction.
     pub scan: u64,
     /// Line of the program.
-    pub line: Option<u32>,
+    pub block: Option<u32>,
     /// Radius of the arc it happens on, in mm; none elsewhere.
     pub radius_mm: Option<f64>,
-    /// Programmed feed, in mm/s; none at rapid.
-    pub feed_mm_s: Option<f64>,
+    /// Programmed feed, in mm/min; none at rapid.
+    pub feed_mm_min: Option<f64>,
     /// What starts a friction pulse on this axis; `none` where there is none.
     pub trigger: &'static str,
-    /// How long before the command's own reversal the pulse began, in ms; none if none began.
-    pub pulse_lead_ms: Option<f64>,
+    /// Time by which the pulse began before the command's own reversal, in ms; none if none began.
+    pub kick_lead_ms: Option<f64>,
     /// Largest residual in its window, in µm; none where the window is not wholly on an arc.
     pub protrusion_um: Option<f64>,
     /// Smallest residual, in µm.
@@ -131,8 +136,9 @@ impl ReversalMeter {
         arcs: &[ArcResult],
     ) -> Vec<ReversalResult> {
         let period_s = machine.scan_period_s();
-        let reversal = machine.axes.get(axis).map(|axis| axis.reversal);
-        let trigger = match reversal {
+        let settings = machine.axes.get(axis);
+        let name = settings.map_or("?", |axis| &axis.name);
+        let trigger = match settings.map(|axis| axis.reversal) {
             Some(reversal) if reversal.method == ReversalMethod::FrictionPulse => {
                 reversal.trigger.word()
             }
@@ -171,20 +177,23 @@ impl ReversalMeter {
             });
             let quadrant = element.and_then(|_| quadrant_of(turn, axis, path, arcs));
             results.push(ReversalResult {
-                axis,
+                axis: name.into(),
+                index: axis,
                 new_direction: turn.direction,
                 scan: turn.scan,
-                line: element.map(|element| element.line),
-                radius_mm,
-                feed_mm_s: element.and_then(|element| match element.feed {
-                    Feed::PathMmS(feed) => Some(feed),
+                block: element.map(|element| element.line),
+                radius_mm: radius_mm.map(|radius_mm| libm::round(radius_mm * 1e6) / 1e6),
+                feed_mm_min: element.and_then(|element| match element.feed {
+                    Feed::PathMmS(feed) => Some(r3(feed * 60.0)),
                     Feed::Rapid => None,
                 }),
                 trigger,
-                pulse_lead_ms: pulse_scans.map(|scans| (turn.time_scans - scans) * period_s * 1e3),
-                protrusion_um: quadrant.map(|quadrant| quadrant.protrusion_um),
-                undercut_um: quadrant.map(|quadrant| quadrant.undercut_um),
-                width_half_height_ms: quadrant.and_then(|quadrant| quadrant.width_half_height_ms),
+                kick_lead_ms: pulse_scans
+                    .map(|scans| r3((turn.time_scans - scans) * period_s * 1e3)),
+                protrusion_um: quadrant.map(|quadrant| r3(quadrant.protrusion_um)),
+                undercut_um: quadrant.map(|quadrant| r3(quadrant.undercut_um)),
+                width_half_height_ms: quadrant
+                    .and_then(|quadrant| quadrant.width_half_height_ms.map(r3)),
                 steady: quadrant.is_some_and(|quadrant| quadrant.steady),
             });
         }

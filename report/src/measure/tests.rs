@@ -107,7 +107,7 @@ fn centre_radius_and_protrusions_are_measured_apart_within_a_tenth_of_a_micromet
                 assert!(steady.len() >= 4, "{words}: {:?}", measured.reversals);
                 for reversal in &steady {
                     // Axis X turns at 0° (then goes −) and 180°, Y at 90° and 270°.
-                    let quadrant = match (reversal.axis, reversal.new_direction) {
+                    let quadrant = match (reversal.index, reversal.new_direction) {
                         (0, -1) => 0,
                         (1, -1) => 1,
                         (0, _) => 2,
@@ -120,7 +120,7 @@ fn centre_radius_and_protrusions_are_measured_apart_within_a_tenth_of_a_micromet
                         "{words}: {found} for {expected}"
                     );
                     assert!(reversal.undercut_um.unwrap().abs() < 0.1, "{words}");
-                    assert_eq!(reversal.line, Some(5));
+                    assert_eq!(reversal.block, Some(5));
                     let width_ms = reversal.width_half_height_ms.unwrap();
                     let angular_speed = feed / 60.0 / radius;
                     let expected_ms = 2.3548 * sigma_deg.to_radians() / angular_speed * 1e3;
@@ -128,7 +128,7 @@ fn centre_radius_and_protrusions_are_measured_apart_within_a_tenth_of_a_micromet
                         (width_ms - expected_ms).abs() < 0.6,
                         "{words}: {width_ms} {expected_ms}"
                     );
-                    let lead_ms = reversal.pulse_lead_ms.unwrap();
+                    let lead_ms = reversal.kick_lead_ms.unwrap();
                     assert!(
                         (lead_ms - PULSE_LEAD_SCANS as f64).abs() <= 1.0,
                         "{words}: {lead_ms}"
@@ -504,7 +504,7 @@ fn reversals_beyond_those_that_are_listed_are_counted() {
     assert_eq!(listed[0].scan, 3);
     // The last one has its pulse as any other.
     assert_eq!(
-        listed[1].pulse_lead_ms,
-        listed[listed.len() - 1].pulse_lead_ms
+        listed[1].kick_lead_ms,
+        listed[listed.len() - 1].kick_lead_ms
     );
 }

@@ -388,10 +388,15 @@ impl Model {
         };
         let mut says = words::says(feedback, &self.machine);
         if let Some(text) = self.given_up() {
-            says.detail = format!("{}; {text}", says.detail);
+            says.words.detail = format!("{}; {text}", says.words.detail);
         }
         if self.ended {
-            let detail = format!("last seen: {}, {}", says.state.to_lowercase(), says.detail);
+            let Says { words, .. } = &says;
+            let detail = format!(
+                "last seen: {}, {}",
+                words.state.to_lowercase(),
+                words.detail
+            );
             let next = "the run has ended; this view waits for the next one (q quits)";
             says = Says::new("—", "ENDED", Tone::Waits, &detail, next);
         } else if self.feedback_age_s > 0.5 {

@@ -4,7 +4,7 @@ use bus::sample::{Auxiliaries, Cause, FLOOD, Feedback, Job, MIST, Mode};
 use machine::Process;
 use remote::state::{
     AuxiliaryState, AxisState, BusState, CauseState, CellState, CircleState, Death, MessageState,
-    ProcessState, ProgramState, StateWords, TimingState,
+    ProcessState, ProgramState, TimingState,
 };
 
 use super::axis::AxisView;
@@ -87,14 +87,9 @@ fn of(model: &Model) -> CellState {
 
 /// Says a state in words.
 pub fn tell(state: &mut CellState, says: Says) {
-    state.state = format!("{}: {}", says.state.to_lowercase(), says.detail);
-    state.next = says.next;
-    state.says = StateWords {
-        symbol: says.symbol.into(),
-        state: says.state.into(),
-        detail: says.detail,
-        tone: says.tone,
-    };
+    let Says { words, next } = says;
+    state.state = format!("{}: {}", words.state.to_lowercase(), words.detail);
+    (state.says, state.next) = (words, next);
 }
 
 fn cause(model: &Model, now: &Feedback) -> Option<CauseState> {

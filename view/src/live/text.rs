@@ -178,10 +178,7 @@ fn axes(text: &mut String, state: &CellState) {
             axis.axis, axis.unit, axis.command_mm, axis.feedback_mm, axis.torque_percent
         );
         for one in &quantities::OF_AXIS {
-            let value = axis.quantities.get(one.key).copied().flatten();
-            let value = value.map_or("-".into(), |value| {
-                format!("{value:+.*} {}", one.decimals, one.unit)
-            });
+            let value = format!("{} {}", one.text(&axis.quantities), one.unit);
             let _ = write!(text, "  {value:>width$}", width = one.heading.len());
         }
         let _ = write!(

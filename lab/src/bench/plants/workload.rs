@@ -116,7 +116,7 @@ impl Workload {
         }
         let worst = lines.iter().map(|lines| {
             let of_circle = measured.reversals.iter().filter(|reversal| {
-                let line = reversal.line.unwrap_or(0);
+                let line = reversal.block.unwrap_or(0);
                 reversal.steady && lines.contains(&line)
             });
             let worst_um = of_circle

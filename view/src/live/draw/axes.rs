@@ -84,11 +84,8 @@ fn row(axis: &AxisState, view: &AxisView, bars: usize, palette: Palette) -> Line
     let missing = axis.missed_in_a_row > 0;
     let missed = format!("{}{}", if missing { "▲" } else { "" }, axis.missed_scans);
     let missed_style = warn_if(missing, Style::new());
-    let quantities = quantities::OF_AXIS.iter().map(|one| {
-        let value = axis.quantities.get(one.key).copied().flatten();
-        let value = value.map_or("-".into(), |value| format!("{value:.*}", one.decimals));
-        Span::raw(format!("{value:>QUANTITY$}"))
-    });
+    let quantities = quantities::OF_AXIS.iter();
+    let quantities = quantities.map(|one| format!("{:>QUANTITY$}", one.text(&axis.quantities)));
     let mut spans = vec![
         Span::styled(format!(" {:<2}", axis.axis), palette.title()),
         Span::styled(format!("{:<3}", axis.unit), palette.quiet()),
@@ -104,7 +101,7 @@ fn row(axis: &AxisState, view: &AxisView, bars: usize, palette: Palette) -> Line
         Span::styled(format!("{:<bars$}", history(view, bars)), palette.good()),
         Span::styled(torque, torque_style),
     ];
-    spans.extend(quantities);
+    spans.extend(quantities.map(Span::raw));
     spans.extend([
         Span::raw(format!("{:>7}", axis.friction)),
         Span::styled(format!("{missed:>6}"), missed_style),
