@@ -7,9 +7,9 @@ use path::geometry::AxisVector;
 
 use crate::error::ProgramError;
 use crate::execution::Execution;
-use crate::interpreter::Counts;
 use crate::program::{Note, Piece, ProgramEnd, Setup};
 use crate::reading::{PIECE_ELEMENTS, Reading};
+use crate::route::Counts;
 
 /// So many lines make a piece.
 const PIECE_LINES: usize = 1_000;
@@ -58,23 +58,23 @@ pub fn check_file(
     let mut bounds = None;
     let mut ended = false;
     while !ended {
-        let enough = execution.interpreter.output.elements_made() + PIECE_ELEMENTS;
+        let enough = execution.interpreter.route.output.elements_made() + PIECE_ELEMENTS;
         for _ in 0..PIECE_LINES {
             lines += 1;
             ended = checks_line(&mut execution);
-            if ended || execution.interpreter.output.elements_made() >= enough {
+            if ended || execution.interpreter.route.output.elements_made() >= enough {
                 break;
             }
         }
         if execution.is_sound() {
-            let piece = &mut execution.interpreter.output.piece;
+            let piece = &mut execution.interpreter.route.output.piece;
             for element in &piece.elements {
                 length_mm += element.length_mm;
                 widen(&mut bounds, element.bounds());
             }
             sink(piece);
         }
-        let piece = &mut execution.interpreter.output.piece;
+        let piece = &mut execution.interpreter.route.output.piece;
         piece.elements.clear();
         piece.events.clear();
         piece.messages.clear();
@@ -82,7 +82,7 @@ pub fn check_file(
     execution.finish(&name)?;
     execution.interpreter.note_open();
     let end = execution.end();
-    let output = execution.interpreter.output;
+    let output = execution.interpreter.route.output;
     let Counts {
         elements,
         events,
@@ -105,7 +105,7 @@ pub fn check_file(
 
 /// Does a line; true if it is the last.
 fn checks_line(execution: &mut Execution) -> bool {
-    execution.interpreter.output.begin_block();
+    execution.interpreter.route.output.begin_block();
     let ends = execution.checks_line();
     execution.check_made();
     ends

@@ -7,7 +7,8 @@ use path::geometry::{AxisVector, Path};
 
 use crate::error::{PROBLEMS_MAX, Problem, ProgramError, Shown, refuse_file};
 use crate::flow::{FlowWord, Keyword};
-use crate::interpreter::{Interpreter, is_turning};
+use crate::interpreter::Interpreter;
+use crate::meaning::is_turning;
 use crate::program::{BLOCKS_MAX, Block, Program, ProgramEnd, Setup, source_hash};
 use crate::question::Answer;
 use crate::reader::{Line, read_line};
@@ -345,7 +346,7 @@ impl Execution {
         if line.percent {
             return !self.opens() && self.close(index);
         }
-        if line.is_empty() || (line.block_delete && self.interpreter.setup.block_delete) {
+        if line.is_empty() || (line.block_delete && self.interpreter.setup().block_delete) {
             return false;
         }
         if line.is_block() && !self.mark(index) {
@@ -442,7 +443,7 @@ impl Execution {
 
     /// Refuses a program that goes on for ever without making anything.
     fn watch(&mut self) {
-        let made = self.interpreter.output.made();
+        let made = self.interpreter.route.output.made();
         if made != self.idle.1 {
             self.idle = (0, made);
             return;
@@ -534,7 +535,7 @@ impl Execution {
 
     /// Refuses the line that was done if it made elements that are not finite.
     pub fn check_made(&mut self) {
-        if std::mem::take(&mut self.interpreter.output.is_infinite) {
+        if std::mem::take(&mut self.interpreter.route.output.is_infinite) {
             let right = "coordinates must stay in the range of ordinary numbers";
             self.refuse_line(self.here, "a path that is not finite", right);
         }

@@ -15,11 +15,16 @@
 //!
 //! `bundle` puts the subroutines of other files behind a program's text. `source` knows its lines and labels; `execution` goes from
 //! line to line as the O-words say (`flow`, `frames`); `reader` makes a block of a line, its expressions evaluated (`expression`);
-//! `interpreter` does the block in the order of NIST §3.8 and LinuxCNC's manual (*Order of Execution*). All that later blocks depend
-//! on is in the interpreter, which can be copied. `cycles`, `splines`, `threading`, `compensation`, `roughing` and `polar` are pure.
+//! `interpreter` does the block in the order of NIST §3.8 and LinuxCNC's manual (*Order of Execution*).
+//!
+//! What words mean is in `meaning`: its `State` is what words are read in, of values that own their fields (`in_force`, `offsets`,
+//! `tools`, `parameters`). Words change it by calls of their own; all else only looks at it and returns a motion or a list of acts
+//! (`act`): a cycle is straight moves and events before any of them is done. `route` does them, by one path for all, and beside the
+//! contour where a radius compensation is on. `cycles`, `splines`, `threading`, `compensation`, `roughing` and `polar` are pure.
 //!
 //! A module names only those below it: at the bottom `refusal`, the one way to say what was found and what would be right, and the types of
-//! `program`; then text, words, what words mean, execution; at the top `reading`, `check`, `resume` and what is built on them.
+//! `program`; then text, words, what words mean, execution; at the top `reading`, `check`, `resume` and what is built on them. All that
+//! later blocks depend on is in the interpreter, which can be copied.
 //!
 //! The language is that of LinuxCNC 2.9; docs/reference/g-code.md and program-flow.md list its words. A program starts in G17 G21 G40
 //! G49 G54 G61 G90 G91.1 G94 G98 with no motion mode and no feed. `quadrant-lab linuxcnc` compares programs with what LinuxCNC's
@@ -70,6 +75,7 @@
 //! swallows the lines after it up to the next one, without a diagnostic. N numbers lose their decimals in silence. The reader
 //! here is small and strict.
 
+mod act;
 mod along;
 mod arc;
 mod bundle;
@@ -77,6 +83,7 @@ mod check;
 mod codes;
 mod compensation;
 mod cycles;
+mod equipment;
 mod error;
 mod execution;
 mod expression;
@@ -84,8 +91,10 @@ mod file;
 mod flat;
 mod flow;
 mod frames;
+mod in_force;
 mod interpreter;
 mod letters;
+mod meaning;
 mod modes;
 mod number;
 mod offsets;
@@ -98,6 +107,7 @@ mod reading;
 mod refusal;
 mod resume;
 mod roughing;
+mod route;
 mod setup;
 mod snapshot;
 mod source;
@@ -107,6 +117,7 @@ mod straight;
 mod surface;
 mod text;
 mod threading;
+mod tools;
 mod words;
 mod work;
 
@@ -116,8 +127,8 @@ pub use check::{Summary, check_file};
 pub use error::{ProgramError, ResumeError};
 pub use execution::interpret;
 pub use file::{FILE_BYTES_MAX, write_text_hash};
-pub use interpreter::Modal;
 pub use machine::{Tool, parse_tools};
+pub use meaning::Modal;
 pub use modes::{Modes, modal_at_start};
 pub use parameters::Parameters;
 pub use program::{

@@ -12,33 +12,87 @@ use crate::snapshot;
 pub struct Offsets {
     /// Of the work offset in force.
     #[serde(with = "snapshot::vector")]
-    pub work: AxisVector,
+    work: AxisVector,
     /// Of G52 and G92.
     #[serde(with = "snapshot::vector")]
-    pub g92: AxisVector,
+    g92: AxisVector,
     /// Of the tool.
     #[serde(with = "snapshot::vector")]
-    pub tool: AxisVector,
+    tool: AxisVector,
     /// Cosine and sine of the rotation about Z, if there is one.
-    pub turn: Option<(f64, f64)>,
+    turn: Option<(f64, f64)>,
     /// Where the zero of the program lies while nothing is turned.
     #[serde(with = "snapshot::vector")]
-    pub zero: AxisVector,
+    zero: AxisVector,
     /// The axes X and Y, which a rotation turns.
-    pub turned_axes: Option<(usize, usize)>,
+    turned_axes: Option<(usize, usize)>,
 }
 
 impl Offsets {
-    pub fn refresh_zero(&mut self) {
+    /// No offsets, where a rotation would turn these axes.
+    pub fn of_axes(turned_axes: Option<(usize, usize)>) -> Self {
+        Self {
+            turned_axes,
+            ..Self::default()
+        }
+    }
+
+    /// The work offset.
+    pub fn work(&self) -> &AxisVector {
+        &self.work
+    }
+
+    /// What G52 and G92 add.
+    pub fn g92(&self) -> &AxisVector {
+        &self.g92
+    }
+
+    /// What is taken off for the tool.
+    pub fn tool(&self) -> &AxisVector {
+        &self.tool
+    }
+
+    /// Where the zero of the program lies while nothing is turned.
+    #[inline]
+    pub fn zero(&self) -> &AxisVector {
+        &self.zero
+    }
+
+    /// Whether the work offset is turned about Z.
+    #[inline]
+    pub fn is_turned(&self) -> bool {
+        self.turn.is_some()
+    }
+
+    /// The axes X and Y, which a rotation turns.
+    pub fn turned_axes(&self) -> Option<(usize, usize)> {
+        self.turned_axes
+    }
+
+    fn refresh_zero(&mut self) {
         self.zero = self.work + (self.g92 + self.tool);
     }
 
-    /// Turns the work offset about Z.
-    pub fn turn_by(&mut self, rotation_deg: f64) {
+    /// Puts a work offset in force, and its rotation about Z.
+    pub fn set_work(&mut self, work: AxisVector, rotation_deg: f64) {
+        self.work = work;
         self.turn = (rotation_deg != 0.0).then(|| {
             let angle_rad = rotation_deg.to_radians();
             (libm::cos(angle_rad), libm::sin(angle_rad))
         });
+        self.refresh_zero();
+    }
+
+    /// Puts what G52 and G92 add in force.
+    pub fn set_g92(&mut self, g92: AxisVector) {
+        self.g92 = g92;
+        self.refresh_zero();
+    }
+
+    /// Puts an offset of the tool in force.
+    pub fn set_tool(&mut self, tool: AxisVector) {
+        self.tool = tool;
+        self.refresh_zero();
     }
 
     /// A displacement of the program, turned into that of the machine.

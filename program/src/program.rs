@@ -178,6 +178,17 @@ pub enum EventKind {
     },
 }
 
+impl EventKind {
+    /// The spindle turns: 1 clockwise, −1 counter-clockwise, 0 not at all.
+    pub(crate) fn of_spindle(direction: i32) -> Self {
+        match direction {
+            0 => EventKind::SpindleStop,
+            1 => EventKind::SpindleClockwise,
+            _ => EventKind::SpindleCounterClockwise,
+        }
+    }
+}
+
 /// A comment that says something.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Message {

@@ -9,9 +9,10 @@ use path::geometry::AxisVector;
 use crate::error::ProgramError;
 use crate::execution::Execution;
 use crate::file::{open_text, text_hash};
-use crate::interpreter::{Bound, Modal};
+use crate::meaning::Modal;
 use crate::program::{Note, Piece, ProgramEnd, Setup, source_hash};
 use crate::question::{Answer, Question};
+use crate::route::Bound;
 use crate::setup::check_setup;
 use crate::snapshot;
 use crate::source::Source;
@@ -79,7 +80,7 @@ impl Reading {
 
     fn of(name: &str, text: Text, hash: TextHash, setup: &Arc<Setup>, start: AxisVector) -> Self {
         let mut execution = Execution::new(Source::new(text), setup, start);
-        execution.interpreter.output.bound = Bound::Block {
+        execution.interpreter.route.output.bound = Bound::Block {
             most: BLOCK_ELEMENTS_MAX,
             before: 0,
         };
@@ -104,7 +105,7 @@ impl Reading {
         if let Some(over) = &self.over {
             return over.clone().map(Progress::Ended);
         }
-        let output = &mut self.execution.interpreter.output.piece;
+        let output = &mut self.execution.interpreter.route.output.piece;
         // What an answer has made since.
         piece.elements.append(&mut output.elements);
         std::mem::swap(output, piece);
@@ -118,7 +119,7 @@ impl Reading {
                 break;
             }
         }
-        let output = &mut self.execution.interpreter.output.piece;
+        let output = &mut self.execution.interpreter.route.output.piece;
         std::mem::swap(output, piece);
         match &self.over {
             Some(over) => over.clone().map(Progress::Ended),
@@ -151,13 +152,13 @@ impl Reading {
 
     /// Does a line; how the program ends if it does.
     fn line(&mut self) -> Result<Option<ProgramEnd>, ProgramError> {
-        let output = &mut self.execution.interpreter.output;
+        let output = &mut self.execution.interpreter.route.output;
         let mark = output.mark();
         output.begin_block();
         let ends = self.execution.does_line();
         self.execution.check_made();
         self.execution.refused(&self.name).inspect_err(|_| {
-            self.execution.interpreter.output.take_back(&mark);
+            self.execution.interpreter.route.output.take_back(&mark);
         })?;
         if !ends {
             return Ok(None);
@@ -228,11 +229,11 @@ impl Reading {
 
     /// How many elements were made since the program's first block.
     pub fn elements_made(&self) -> u64 {
-        self.execution.interpreter.output.elements_made()
+        self.execution.interpreter.route.output.elements_made()
     }
 
     /// What was accepted with a remark so far; one per kind, in the order of their first lines.
     pub fn notes(&self) -> Vec<Note> {
-        self.execution.interpreter.output.notes.by_line()
+        self.execution.interpreter.route.output.notes.by_line()
     }
 }

@@ -64,23 +64,6 @@ g_codes! {
     }
 }
 
-/// What splines keep from block to block.
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
-pub struct SplineState {
-    /// Behind a G5: the step to the first control point of one that gives none, in the program's axes.
-    pub leaves_mm: Option<Flat>,
-    /// Between G5.2 and G5.3.
-    pub open: Option<OpenCurve>,
-}
-
-/// A NURBS whose control points are still being given.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct OpenCurve {
-    pub points: Vec<ControlPoint>,
-    pub order: usize,
-    pub line: u32,
-}
-
 /// The order of a NURBS that gives none.
 pub const ORDER: usize = 3;
 
@@ -92,18 +75,6 @@ impl Spline {
             Spline::Quadratic => "IJ",
             Spline::Nurbs => "PL",
         }
-    }
-}
-
-impl SplineState {
-    /// Whether there is nothing that another motion would end.
-    pub fn is_idle(&self) -> bool {
-        self.leaves_mm.is_none() && self.open.is_none()
-    }
-
-    /// The line in which a NURBS begins that has no end.
-    pub fn open_since(&self) -> Option<u32> {
-        self.open.as_ref().map(|open| open.line)
     }
 }
 

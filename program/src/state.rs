@@ -57,17 +57,6 @@ pub struct Spindle {
     pub direction: i32,
 }
 
-/// Which tool is where, and the length that is taken off it.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
-pub struct InSpindle {
-    /// T: the next one.
-    pub prepared: Option<u32>,
-    /// The one in the spindle; 0 for none.
-    pub number: u32,
-    /// The one whose offset is applied; 0 where it is none's.
-    pub offset_of: u32,
-}
-
 impl Motion {
     /// The motion mode of a code.
     pub fn of_code(number: u32) -> Self {

@@ -5,7 +5,7 @@ use machine::Machine;
 use path::geometry::AxisVector;
 use path::kinematics::Kinematics;
 
-use crate::interpreter::Modal;
+use crate::meaning::Modal;
 use crate::modes::Modes;
 use crate::setup::kinematics_of;
 

@@ -1,13 +1,36 @@
-//! Words that ask the machine: G38.2 to G38.5 and M66.
+//! What a program asks the machine (G38.2 to G38.5 and M66), and what becomes of the answers.
 
-use bus::sample::{ANALOG_INPUTS, AskedInput, DIGITAL_INPUTS, InputWait};
+use bus::sample::AskedInput;
+use path::geometry::{AxisVector, Element, Shape};
+use serde::{Deserialize, Serialize};
 
-use super::*;
+use super::Interpreter;
 use crate::compensation::Way;
+use crate::meaning::{Cause, Leg};
+use crate::parameters::base;
+use crate::program::EventKind;
 use crate::question::{Answer, Question};
+use crate::refusal::{Refusal, wrong};
+use crate::state::FeedMode;
 
-/// Longest wait for an input, in s: a day.
-const WAIT_S_MAX: f64 = 86_400.0;
+/// What a program asks.
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
+pub struct Questions {
+    /// The question that nobody has answered.
+    #[serde(skip)]
+    asked: Option<Question>,
+    /// How many answers there were.
+    taken: usize,
+    /// Between PROBEOPEN and PROBECLOSE.
+    logs_probes: bool,
+}
+
+impl Questions {
+    /// From here on what a probe finds is written into the log, or no longer.
+    pub fn log_probes(&mut self, logs: bool) {
+        self.logs_probes = logs;
+    }
+}
 
 /// Why an answer is none to what was asked.
 fn other_question() -> Refusal {
@@ -19,35 +42,41 @@ impl Interpreter {
     /// The motion of a probing block: up to the trip, or to its end.
     pub(super) fn probe(
         &mut self,
-        line: u32,
-        words: &Words,
-        target: AxisVector,
+        cause: Cause,
+        to: AxisVector,
         number: u32,
-        offset: usize,
     ) -> Result<(), Vec<Refusal>> {
-        if self.modes.feed_mode == FeedMode::InverseTime {
+        if self.state.in_force().feed_mode == FeedMode::InverseTime {
             let right = "G94: how long the motion takes is not known";
-            return refuse(offset, "probing in G93", right);
+            return cause.refuse("probing in G93", right);
         }
-        let feed = self.feed(&target, offset)?;
-        let from = self.tool_place();
-        let before = self.output.mark();
-        let elements_before = self.output.elements_made();
-        self.output.straight_feeds += 1;
-        let way = self.straight_to(target);
-        self.run_move(line, words, target, (way, Way::Line, feed), offset)?;
-        let made = self.output.elements_made() > elements_before;
-        let made = made.then(|| self.output.piece.elements.last().cloned());
-        let made = made.flatten();
-        let element = made.unwrap_or_else(|| {
-            // It is where it is to go: the contact there decides.
-            let shape = Shape::Line { from, to: target };
-            Element::new(line, shape, feed, &self.rotary)
-        });
-        self.output.take_back(&before);
+        let line = cause.line;
+        let feed = self.state.feed(&to, cause.offset)?;
+        let shapes = self.state.straight_to(to);
+        let element = shapes.first().cloned();
+        let before = self.route.output.mark();
+        let elements_before = self.route.output.elements_made();
+        let leg = Leg {
+            to,
+            shapes,
+            way: Way::Line,
+            feed,
+        };
+        self.follow(cause, leg)?;
+        let output = &mut self.route.output;
+        let made = output.elements_made() > elements_before;
+        let made = output.piece.elements.last().filter(|_| made).cloned();
+        // Where it is where it is to go, the contact there decides.
+        let rotary = self.state.equipment().rotary();
+        let at_rest = element.map(|shape| Element::new(line, shape, feed, rotary));
+        output.take_back(&before);
         let (away, must) = (number >= 384, number.is_multiple_of(2));
         self.event(line, EventKind::Probe { away, must });
-        self.output.happen_behind_next(line, EventKind::ProbeEnd);
+        let output = &mut self.route.output;
+        output.happen_behind_next(line, EventKind::ProbeEnd);
+        let Some(element) = made.or(at_rest) else {
+            return Ok(());
+        };
         let question = Question::Probe {
             line,
             element,
@@ -61,104 +90,67 @@ impl Interpreter {
     pub(super) fn await_input(
         &mut self,
         line: u32,
-        words: &Words,
-        offset: usize,
+        asked: AskedInput,
+        timeout_s: f64,
     ) -> Result<(), Refusal> {
-        let whole =
-            |letter: char, most: usize| words.whole(letter, "a whole number", 0.0..=most as f64);
-        let digital = whole('P', DIGITAL_INPUTS - 1)?;
-        let analog = whole('E', ANALOG_INPUTS - 1)?;
-        let (Some(number), true) = (digital.or(analog), digital.is_none() || analog.is_none())
-        else {
-            let right =
-                "one input: P for a digital one, E for an analogue one, such as M66 P0 L3 Q5";
-            return refuse(offset, "M66", right);
-        };
-        let wait = whole('L', InputWait::ALL.len() - 1)?.unwrap_or(0);
-        let wait = InputWait::ALL.get(wait as usize).copied();
-        let wait = wait.unwrap_or(InputWait::Immediate);
-        if analog.is_some() && wait != InputWait::Immediate {
-            let right = "an analogue input is read at once: L0";
-            return refuse(offset, "M66 E with L", right);
-        }
-        let timeout_s = words.value('Q').map_or(0.0, |q| q.value);
-        if wait != InputWait::Immediate && !(timeout_s > 0.0 && timeout_s <= WAIT_S_MAX) {
-            let right = "the longest wait in seconds, above 0, such as M66 P0 L3 Q5";
-            return refuse(offset, format!("Q{timeout_s}"), right);
-        }
-        let asked = AskedInput {
-            number,
-            analog: analog.is_some(),
-            wait,
-        };
         self.event(line, EventKind::AwaitInput { asked, timeout_s });
         self.ask(Question::Input { line, asked })
     }
 
     /// Asks; goes on at once where the answer is known already, or is assumed.
     fn ask(&mut self, question: Question) -> Result<(), Refusal> {
-        let known = self.setup.answers.get(self.answers_taken).copied();
-        match known {
-            Some(answer) => self.take_answer(&question, answer),
-            None if self.setup.answers_assumed || self.setup.rehearsed => {
-                let line = question.line();
-                if self.setup.rehearsed {
-                    let text = "what the machine answers is not known yet: from here on this is read as if a probe tripped at the end of its motion and an input were as the program waits for it";
-                    self.note(line, text);
-                }
-                self.take_answer(&question, question.assumed())
-            }
-            None => {
-                self.asked = Some(question);
-                Ok(())
-            }
+        let setup = self.state.equipment();
+        let known = setup.answers.get(self.questions.taken).copied();
+        let rehearsed = setup.rehearsed;
+        if known.is_none() && !setup.answers_assumed && !rehearsed {
+            self.questions.asked = Some(question);
+            return Ok(());
         }
+        if known.is_none() && rehearsed {
+            let text = "what the machine answers is not known yet: from here on this is read as if a probe tripped at the end of its motion and an input were as the program waits for it";
+            self.note(question.line(), text);
+        }
+        self.take_answer(&question, known.unwrap_or_else(|| question.assumed()))
     }
 
     /// What the program asks now and nobody has answered.
     pub fn asked(&self) -> Option<&Question> {
-        self.asked.as_ref()
+        self.questions.asked.as_ref()
     }
 
     /// How many answers the program has had.
     pub fn answers_taken(&self) -> usize {
-        self.answers_taken
+        self.questions.taken
     }
 
     /// The answer to what it asks.
     pub fn answer(&mut self, answer: Answer) -> Result<(), Refusal> {
-        match self.asked.take() {
+        match self.questions.asked.take() {
             Some(question) => self.take_answer(&question, answer),
             None => Err(other_question()),
         }
     }
 
     fn take_answer(&mut self, question: &Question, answer: Answer) -> Result<(), Refusal> {
-        self.answers_taken += 1;
+        self.questions.taken += 1;
         match (question, answer) {
             (Question::Probe { element, .. }, Answer::Tripped { at, rests }) => {
                 self.probed(element, at, rests, true);
                 self.log_probe(element.line);
             }
-            (
-                Question::Probe {
-                    must: true, away, ..
-                },
-                Answer::Missed { .. },
-            ) => {
+            (Question::Probe { must, away, .. }, Answer::Missed { .. }) if *must => {
                 let found = if *away {
                     "a probe that kept its contact to the end of its motion"
                 } else {
                     "a probe that made no contact to the end of its motion"
                 };
-                let right = "G38.3 and G38.5 go on then, with 0 in #5070";
-                return refuse(0, found, right);
+                return wrong(found, "G38.3 and G38.5 go on then, with 0 in #5070");
             }
             (Question::Probe { element, .. }, Answer::Missed { rests }) => {
                 self.probed(element, rests, rests, false);
             }
             (Question::Input { .. }, Answer::Input(value)) => {
-                self.parameters.set(base::INPUT, value);
+                self.state.own_parameters().set(base::INPUT, value);
             }
             _ => return Err(other_question()),
         }
@@ -169,15 +161,20 @@ impl Interpreter {
     fn probed(&mut self, way: &Element, at: AxisVector, rests: AxisVector, tripped: bool) {
         let from = way.point(0.0);
         let shape = Shape::Line { from, to: rests };
-        let element = Element::new(way.line, shape, way.feed, &self.rotary);
-        self.output.add(element);
-        self.position = rests;
-        let mut place = self.in_program(&at);
-        for (index, component) in place.iter_mut().enumerate() {
-            *component /= self.unit_of(index);
+        let rotary = self.state.equipment().rotary();
+        let element = Element::new(way.line, shape, way.feed, rotary);
+        self.route.output.add(element);
+        self.state.probed(at, rests, tripped);
+    }
+
+    /// Writes into the log where a probe has tripped, if that is wanted: nine numbers, in the coordinates and unit of the program.
+    fn log_probe(&mut self, line: u32) {
+        if self.questions.logs_probes {
+            let parameters = self.state.parameters();
+            let numbers = base::PROBED..base::PROBED + 9;
+            let shown = numbers.map(|number| format!("{:.6}", parameters.get(number)));
+            let text = shown.collect::<Vec<_>>().join(" ");
+            self.route.output.say(line, true, text);
         }
-        self.set_vector(base::PROBED, place);
-        let tripped = f64::from(u8::from(tripped));
-        self.parameters.set(base::PROBED + 9, tripped);
     }
 }

@@ -1,7 +1,10 @@
 //! Comments that say something.
 
-use super::*;
+use super::Interpreter;
 use crate::expression::Cursor;
+use crate::parameters::base;
+use crate::program::ProgramEnd;
+use crate::reader::CommentKind;
 
 const LOG_FILE: &str = "LOGOPEN, LOGAPPEND and LOGCLOSE name no file: what (LOG, …) says stands in the run's own messages.jsonl";
 const PROBE_FILE: &str = "PROBEOPEN names no file: what the probe finds up to PROBECLOSE stands in the run's own messages.jsonl";
@@ -24,36 +27,26 @@ impl Interpreter {
     fn obey_comment(&mut self, kind: CommentKind, text: &str) {
         let line = self.line;
         match kind {
-            CommentKind::Message => self.output.say(line, false, text.to_owned()),
-            CommentKind::Debug if self.parameters.get(base::DEBUG_SHOWN) <= 0.0 => {}
+            CommentKind::Message => self.route.output.say(line, false, text.to_owned()),
+            CommentKind::Debug if self.state.parameters().get(base::DEBUG_SHOWN) <= 0.0 => {}
             CommentKind::Debug | CommentKind::Print | CommentKind::Log => {
                 let text = self.with_values(text);
-                self.output.say(line, kind == CommentKind::Log, text);
+                self.route.output.say(line, kind == CommentKind::Log, text);
             }
             CommentKind::LogFile => self.note(line, LOG_FILE),
             CommentKind::ProbeOpen | CommentKind::ProbeClose => {
-                self.logs_probes = kind == CommentKind::ProbeOpen;
+                self.questions.log_probes(kind == CommentKind::ProbeOpen);
                 self.note(line, PROBE_FILE);
             }
             CommentKind::Abort => {
                 self.note(line, ABORTS);
                 let text = self.with_values(text);
-                self.output.say(line, false, text);
+                self.route.output.say(line, false, text);
                 self.ended = Some(ProgramEnd::Abort(line));
             }
             CommentKind::NoAbort => self.note(line, NO_ABORT),
             // The reader refuses it.
             CommentKind::Python => {}
-        }
-    }
-
-    /// Writes into the log where a probe has tripped, if that is wanted: nine numbers, in the coordinates and unit of the program.
-    pub(super) fn log_probe(&mut self, line: u32) {
-        if self.logs_probes {
-            let numbers = base::PROBED..base::PROBED + 9;
-            let shown = numbers.map(|number| format!("{:.6}", self.parameters.get(number)));
-            let text = shown.collect::<Vec<_>>().join(" ");
-            self.output.say(line, true, text);
         }
     }
 

@@ -1,24 +1,30 @@
 //! The words of an arc block.
 
-use super::*;
+use path::geometry::{AxisVector, Shape};
+
+use super::{Cause, State};
+use crate::arc::{ArcBlock, ArcTolerance, Circle};
+use crate::compensation::Way;
 use crate::flat::Flat;
+use crate::refusal::{Refusal, refuse};
+use crate::words::Words;
 
 /// The most turns of one arc.
 const TURNS_MAX: f64 = 10_000.0;
 
-impl Interpreter {
+impl State {
     /// Understands the words of an arc.
     pub(super) fn arc_block(
         &self,
-        words: &Words,
+        cause: Cause,
         to: AxisVector,
         clockwise: bool,
-        offset: usize,
     ) -> Result<ArcBlock, Refusal> {
+        let Cause { words, offset, .. } = cause;
         let plane = self.plane_axes(offset)?;
         let circle = self.circle(words, plane, offset)?;
         let turns = words.whole('P', "turns are a whole number", 1.0..=TURNS_MAX)?;
-        let tolerance = if self.modes.inches {
+        let tolerance = if self.in_force.inches {
             ArcTolerance::INCH
         } else {
             ArcTolerance::METRIC
@@ -42,7 +48,7 @@ impl Interpreter {
     /// Whether the plane of an arc stands askew in the machine: the work offset is turned about Z, and the plane is not XY. Such an arc is
     /// made in the coordinates of the program.
     fn arc_is_tilted(&self) -> bool {
-        self.offsets.turn.is_some() && self.modes.plane.0 != 17
+        self.offsets.is_turned() && self.in_force.plane.0 != 17
     }
 
     /// The shapes of an arc in the machine, from where the tool is to `target`.
@@ -84,23 +90,9 @@ impl Interpreter {
         Ok(shapes)
     }
 
-    /// The axes of the plane: both slides.
-    pub(super) fn plane_axes(&self, offset: usize) -> Result<[usize; 2], Refusal> {
-        let (plane, letters, _) = self.modes.plane;
-        let [first, second] = letters;
-        let letter = match letters.map(|letter| self.slide(letter)) {
-            [Some(u), Some(v)] => return Ok([u, v]),
-            [None, _] => first,
-            _ => second,
-        };
-        let found = format!("an arc in the plane {first}{second} (G{plane})");
-        let right = format!("this machine has no slide {letter}; choose a plane it has");
-        refuse(offset, found, right)
-    }
-
     /// The circle, by its radius or by its centre.
     fn circle(&self, words: &Words, axes: [usize; 2], offset: usize) -> Result<Circle, Refusal> {
-        let (plane, _, [first, second]) = self.modes.plane;
+        let (plane, _, [first, second]) = self.in_force.plane;
         let mut strays = ['I', 'J', 'K'].into_iter();
         let stray = strays.find(|letter| *letter != first && *letter != second);
         if let Some(stray) = stray.and_then(|letter| words.value(letter)) {
@@ -120,29 +112,40 @@ impl Interpreter {
             (Some(radius), None) if radius.value == 0.0 => {
                 refuse(radius.offset, "R0", "a radius is not 0")
             }
-            (Some(radius), None) => Ok(Circle::RadiusMm(radius.value * self.unit_mm())),
+            (Some(radius), None) => Ok(Circle::RadiusMm(radius.value * self.in_force.unit_mm())),
             (None, Some(_)) => self.centre(words, axes, offset).map(Circle::Centre),
         }
     }
 
     /// The centre that I, J, K name, in machine coordinates.
     fn centre(&self, words: &Words, axes: [usize; 2], offset: usize) -> Result<Flat, Refusal> {
-        let (_, _, letters) = self.modes.plane;
+        let (_, _, letters) = self.in_force.plane;
         let missing = |letter: &char| words.value(*letter).is_none();
         if let Some(letter) = letters.into_iter().find(missing)
-            && self.modes.arc_absolute
+            && self.in_force.arc_absolute
         {
             let right = "in G90.1 both coordinates of the centre are needed";
             return refuse(offset, format!("an arc without {letter}"), right);
         }
         let [u, v] = letters.map(|letter| words.value(letter).map_or(0.0, |word| word.value));
-        let arm = (Flat::new(u, v) * self.unit_mm()).put_into(AxisVector::zeros(), axes);
-        let place = match (self.arc_is_tilted(), self.modes.arc_absolute) {
+        let arm = (Flat::new(u, v) * self.in_force.unit_mm()).put_into(AxisVector::zeros(), axes);
+        let place = match (self.arc_is_tilted(), self.in_force.arc_absolute) {
             (true, true) => arm,
             (true, false) => self.in_program(&self.position) + arm,
             (false, true) => self.in_machine(&arm),
             (false, false) => self.position + self.turned(arm),
         };
         Ok(Flat::of(&place, axes))
+    }
+}
+
+impl ArcBlock {
+    /// The way of the arc.
+    pub fn way(&self) -> Result<Way, Refusal> {
+        Ok(Way::Arc {
+            centre: self.centre()?,
+            clockwise: self.clockwise,
+            turns: self.turns,
+        })
     }
 }

@@ -1,9 +1,17 @@
 //! The canned cycles: the words of their blocks, and the moves that these become.
 
-use super::modes::{dwell_right, is_dwell};
-use super::*;
-use crate::cycles::{CycleBlock, Level, Levels, PECKS_MAX, Step, Turning, Wait};
+use path::geometry::{AxisVector, Feed};
+use serde::{Deserialize, Serialize};
+
+use super::feeds::{dwell_right, is_dwell};
+use super::{Cause, State};
+use crate::act::Acts;
+use crate::cycles::{Cycle, CycleBlock, Level, Levels, PECKS_MAX, Series, Step, Turning, Wait};
 use crate::flat::Flat;
+use crate::program::EventKind;
+use crate::refusal::{Refusal, refuse};
+use crate::state::{FeedMode, Motion};
+use crate::words::Words;
 
 /// What is said where the return height is LinuxCNC's other one.
 const RETURN_HEIGHT: &str = "neither G98 nor G99 is said: holes return to the level before the cycles (G98), not to R as in LinuxCNC";
@@ -11,151 +19,128 @@ const RETURN_HEIGHT: &str = "neither G98 nor G99 is said: holes return to the le
 /// The most holes of one drilling block.
 const REPEATS_MAX: f64 = 10_000.0;
 
-impl Interpreter {
-    /// Holes of which each is a step of distance and angle from the one before.
-    fn drill_circle(
-        &mut self,
-        line: u32,
-        words: &Words,
-        repeats: u32,
-        offset: usize,
-    ) -> Result<(), Vec<Refusal>> {
-        let Motion::Cycle(cycle) = self.motion else {
-            return Ok(());
-        };
-        let mut single = words.clone();
-        single.remove("L");
-        for _ in 0..repeats {
-            self.drill(line, &single, cycle, offset)?;
+/// What drilling cycles in a row keep; nothing between them.
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
+pub struct Drilling {
+    series: Option<Series>,
+}
+
+impl Drilling {
+    /// A motion of another kind ends the row.
+    pub fn leave(&mut self, motion: Motion) {
+        if !matches!(motion, Motion::Cycle(_)) {
+            self.series = None;
         }
-        Ok(())
     }
 
-    /// The holes of a block of a cycle.
-    pub(super) fn drill(
-        &mut self,
-        line: u32,
-        words: &Words,
-        cycle: Cycle,
-        offset: usize,
-    ) -> Result<(), Vec<Refusal>> {
-        let repeats = holes(words)?;
-        if repeats > 1 && self.modes.incremental && words.first_of("@^").is_some() {
-            return self.drill_circle(line, words, repeats, offset);
+    /// Cycles in a row return with the tip of the tool, which is longer now, to where it was before them.
+    pub fn lengthen(&mut self, longer: &AxisVector) {
+        if let Some(series) = &mut self.series {
+            series.initial_mm += longer.get(series.drill_axis).copied().unwrap_or(0.0);
         }
-        let block = self.cycle_block(words, cycle, offset)?;
+    }
+
+    /// A block of a cycle, its words understood.
+    pub fn block(
+        &mut self,
+        state: &State,
+        cause: Cause,
+        cycle: Cycle,
+    ) -> Result<CycleBlock, Refusal> {
+        let block = state.cycle_block(cause, cycle, self.series)?;
         self.series = Some(block.series);
         if matches!(cycle, Cycle::TapRight | Cycle::TapLeft) {
-            self.check_speed_is_constant(cycle, offset)?;
+            state.check_speed_is_constant(cycle, cause.offset)?;
         }
-        let feed = self.feed(&self.position, offset)?;
-        let per_turn = self.feed_per_turn();
-        self.output.check_room(block.steps_max(), offset)?;
-        if !self.return_was_said && block.series.initial_mm > block.levels.r_mm {
-            self.note(line, RETURN_HEIGHT);
-        }
-        let mut shapes = Vec::new();
-        let mut here = self.tool_place();
-        let mut tapping = false;
-        for step in block.steps() {
-            // The overrides count again where the tap is out of the hole.
-            let taps = matches!(step, Step::Tap(_));
-            if taps && !tapping {
-                self.cycle_overrides(line, false);
-                self.begin_tap(line, feed);
-            } else if tapping && matches!(step, Step::Rapid(_)) {
-                self.end_tap(line);
-                self.cycle_overrides(line, true);
-            }
-            tapping = taps || (tapping && !matches!(step, Step::Rapid(_)));
-            let (to, feed) = match step {
-                Step::Rapid(to) => (to, Feed::Rapid),
-                Step::Feed(to) | Step::Tap(to) => {
-                    self.output.straight_feeds += 1;
-                    (to, feed)
-                }
-                Step::Dwell(seconds) => {
-                    let dwell = Element::dwell(line, here, seconds);
-                    self.output.add(dwell);
-                    continue;
-                }
-                event => {
-                    self.cycle_event(line, event);
-                    continue;
-                }
-            };
-            let shape = Shape::Line { from: here, to };
-            self.add_shape(line, shape.clone(), feed, per_turn);
-            shapes.push(shape);
-            here = to;
-        }
-        if tapping {
-            self.end_tap(line);
-            self.cycle_overrides(line, true);
-        }
-        self.position = here;
-        self.stands = None;
-        if_none(self.outside(words, &shapes, offset))
+        Ok(block)
+    }
+}
+
+impl State {
+    /// Holes of which each is a step of distance and angle from the one before: a block of its own for each. How many they are.
+    pub fn holes_in_steps(&self, words: &Words) -> Result<Option<u32>, Refusal> {
+        let repeats = holes(words)?;
+        let steps = self.in_force.incremental && words.first_of("@^").is_some();
+        Ok(Some(repeats).filter(|repeats| *repeats > 1 && steps))
     }
 
-    /// What a cycle does with the spindle and the program.
-    fn cycle_event(&mut self, line: u32, step: Step) {
-        match step {
-            Step::SpindleStop => self.turn_spindle(line, 0),
-            Step::SpindleStart(Turning::Clockwise) => self.turn_spindle(line, 1),
-            Step::SpindleStart(Turning::CounterClockwise) => self.turn_spindle(line, -1),
-            Step::SpindleOrient => self.event(line, EventKind::SpindleOrient(0.0)),
-            Step::ProgramStop => self.event(line, EventKind::ProgramStop),
-            Step::Rapid(_) | Step::Feed(_) | Step::Tap(_) | Step::Dwell(_) => {}
+    /// What a block of a cycle makes at a feed.
+    pub fn drilled(&self, block: &CycleBlock, feed: Feed) -> Acts {
+        let steps = block.steps();
+        let mut acts = Acts::with_capacity(steps.len() + 1);
+        let returns_higher = block.series.initial_mm > block.levels.r_mm;
+        if !self.in_force.return_was_said() && returns_higher {
+            acts.note(RETURN_HEIGHT);
         }
+        let mut tapping = false;
+        for step in steps {
+            // The overrides count again where the tap is out of the hole.
+            let leaves = matches!(step, Step::Rapid(_));
+            if tapping && leaves {
+                self.end_tap(&mut acts);
+                tapping = false;
+            }
+            match step {
+                Step::Rapid(to) => acts.go(to, Feed::Rapid),
+                Step::Feed(to) => acts.go(to, feed),
+                Step::Tap(to) => {
+                    if !tapping {
+                        self.begin_tap(feed, &mut acts);
+                        tapping = true;
+                    }
+                    acts.go(to, feed);
+                }
+                Step::Dwell(seconds) => acts.dwell(seconds),
+                Step::SpindleStop => acts.event(EventKind::SpindleStop),
+                Step::SpindleStart(Turning::Clockwise) => acts.event(EventKind::SpindleClockwise),
+                Step::SpindleStart(_) => acts.event(EventKind::SpindleCounterClockwise),
+                Step::SpindleOrient => acts.event(EventKind::SpindleOrient(0.0)),
+                Step::ProgramStop => acts.event(EventKind::ProgramStop),
+            }
+        }
+        if tapping {
+            self.end_tap(&mut acts);
+        }
+        acts
     }
 
     /// From here on a spindle with encoder keeps step: the pitch is the feed at the speed of the spindle.
-    fn begin_tap(&mut self, line: u32, feed: Feed) {
-        let turns_s = self.modes.spindle.speed / 60.0;
+    fn begin_tap(&self, feed: Feed, acts: &mut Acts) {
+        if self.in_force.feed_override {
+            acts.event(EventKind::OverridesEnabled(false));
+        }
+        let turns_s = self.in_force.spindle.speed / 60.0;
         if let (Feed::PathMmS(mm_s), true) = (feed, turns_s > 0.0) {
-            self.event(line, EventKind::SpindleCoupled(mm_s / turns_s));
+            acts.event(EventKind::SpindleCoupled(mm_s / turns_s));
         }
     }
 
-    fn end_tap(&mut self, line: u32) {
-        if self.modes.spindle.speed > 0.0 {
-            self.event(line, EventKind::SpindleUncoupled);
+    fn end_tap(&self, acts: &mut Acts) {
+        if self.in_force.spindle.speed > 0.0 {
+            acts.event(EventKind::SpindleUncoupled);
         }
-    }
-
-    /// Whether the override of the feed counts, as a cycle has it.
-    fn cycle_overrides(&mut self, line: u32, count: bool) {
-        if self.modes.feed_override {
-            self.event(line, EventKind::OverridesEnabled(count));
-        }
-    }
-
-    /// How the spindle turns.
-    fn turning(&self) -> Option<Turning> {
-        match self.modes.spindle.direction {
-            0 => None,
-            1 => Some(Turning::Clockwise),
-            _ => Some(Turning::CounterClockwise),
+        if self.in_force.feed_override {
+            acts.event(EventKind::OverridesEnabled(true));
         }
     }
 
     /// Understands the words of a block of a cycle.
-    pub(super) fn cycle_block(
+    fn cycle_block(
         &self,
-        words: &Words,
+        cause: Cause,
         cycle: Cycle,
-        offset: usize,
+        row: Option<Series>,
     ) -> Result<CycleBlock, Refusal> {
-        let axes = self.cycle_axes(words, cycle, offset)?;
-        let turning = self.turning();
-        self.allows_cycle(cycle, &axes, turning, offset)?;
-        let series = self.cycle_series(words, cycle, &axes, offset)?;
-        let levels = self.cycle_levels(words, &series, offset)?;
+        let words = cause.words;
+        let axes = self.cycle_axes(cause, cycle)?;
+        let turning = self.in_force.turning();
+        self.allows_cycle(cause, cycle, &axes)?;
+        let series = self.cycle_series(cause, cycle, &axes, row)?;
+        let levels = self.cycle_levels(cause, &series)?;
         let repeats = holes(words)?;
         let mut hole = self.target(words)?;
         hole[axes.drill_axis] = self.position[axes.drill_axis];
-        let pitch = if self.modes.incremental {
+        let pitch = if self.in_force.incremental {
             hole - self.position
         } else {
             AxisVector::zeros()
@@ -171,65 +156,62 @@ impl Interpreter {
             aside,
             series,
             levels,
-            returns_to_r: self.modes.returns_to_r,
+            returns_to_r: self.in_force.returns_to_r,
             turning,
         };
         if cycle.pecks() && block.pecks() >= PECKS_MAX {
-            let (peck, count) = (series.peck_mm / self.unit_mm(), block.pecks() + 1.0);
+            let (peck, count) = (
+                series.peck_mm / self.in_force.unit_mm(),
+                block.pecks() + 1.0,
+            );
             let found = format!("Q{peck} with {count} pecks a hole");
             let right = format!("at most {PECKS_MAX} pecks");
-            return refuse(words.place('Q', offset), found, right);
+            return refuse(cause.place('Q'), found, right);
         }
         Ok(block)
     }
 
     /// Refuses a cycle that the modes in force or the spindle do not allow.
-    fn allows_cycle(
-        &self,
-        cycle: Cycle,
-        axes: &CycleAxes,
-        turning: Option<Turning>,
-        offset: usize,
-    ) -> Result<(), Refusal> {
-        if self.modes.feed_mode == FeedMode::InverseTime {
+    fn allows_cycle(&self, cause: Cause, cycle: Cycle, axes: &CycleAxes) -> Result<(), Refusal> {
+        if self.in_force.feed_mode == FeedMode::InverseTime {
             let right = "a cycle has no time of its own: G94 before it";
-            return refuse(offset, format!("{cycle} in G93"), right);
+            return cause.refuse(format!("{cycle} in G93"), right);
         }
-        if axes.plane_number != 17 && self.offsets.turn.is_some() {
+        if axes.plane_number != 17 && self.offsets.is_turned() {
             let plane = axes.plane_number;
             let found = format!("{cycle} in G{plane} where X and Y are turned");
             let right = "a cycle runs along an axis: only Z is one there, in G17";
-            return refuse(offset, found, right);
+            return cause.refuse(found, right);
         }
-        if let Some((found, right)) = cycle.refused_spindle(turning) {
-            return refuse(offset, format!("{cycle} with {found}"), right);
+        if let Some((found, right)) = cycle.refused_spindle(self.in_force.turning()) {
+            return cause.refuse(format!("{cycle} with {found}"), right);
         }
         Ok(())
     }
 
     /// The axes of a cycle; refuses a block that is none of it.
-    fn cycle_axes(&self, words: &Words, cycle: Cycle, offset: usize) -> Result<CycleAxes, Refusal> {
-        let (number, letters, offset_letters) = self.modes.plane;
+    fn cycle_axes(&self, cause: Cause, cycle: Cycle) -> Result<CycleAxes, Refusal> {
+        let (number, letters, offset_letters) = self.in_force.plane;
         let (drill_letter, level_letter) = match number {
             18 => ('Y', 'J'),
             19 => ('X', 'I'),
             _ => ('Z', 'K'),
         };
-        let [first, second] = letters.map(|letter| self.slide(letter));
-        let Some(drill_axis) = self.slide(drill_letter) else {
+        let [first, second] = letters.map(|letter| self.equipment.slide(letter));
+        let Some(drill_axis) = self.equipment.slide(drill_letter) else {
             let found = format!("{cycle} in G{number}");
             let right = format!(
                 "a cycle runs along {drill_letter} there: this machine has no slide {drill_letter}"
             );
-            return refuse(offset, found, right);
+            return cause.refuse(found, right);
         };
-        if let Some(word) = words.first_of("ABCUVW") {
+        if let Some(word) = cause.words.first_of("ABCUVW") {
             let found = format!("{word} in {cycle}");
             return refuse(word.offset, found, "a cycle moves X, Y and Z");
         }
-        if words.first_of("XYZ@^").is_none() {
+        if cause.words.first_of("XYZ@^").is_none() {
             let right = "say where: X, Y or Z";
-            return refuse(offset, format!("{cycle} without a hole"), right);
+            return cause.refuse(format!("{cycle} without a hole"), right);
         }
         // A machine without one of the plane's axes drills all the same; only G87 steps aside along them.
         Ok(CycleAxes {
@@ -246,13 +228,14 @@ impl Interpreter {
     /// The words of a block of a cycle that stay: its own, else those from the block before.
     fn cycle_series(
         &self,
-        words: &Words,
+        cause: Cause,
         cycle: Cycle,
         axes: &CycleAxes,
-        offset: usize,
+        row: Option<Series>,
     ) -> Result<Series, Refusal> {
+        let Cause { words, offset, .. } = cause;
         let is_next = |series: &Series| series.drill_axis == axes.drill_axis;
-        let in_a_row = self.series.filter(is_next);
+        let in_a_row = row.filter(is_next);
         let kept = in_a_row.filter(|series| series.cycle == cycle);
         let missing = |letter: char, what: &str| missing(cycle, letter, what).at(offset);
         let drill_letter = axes.drill_letter;
@@ -291,7 +274,7 @@ impl Interpreter {
             top: kept.map_or(Level::From(0.0), |kept| kept.top),
         };
         if cycle == Cycle::BackBore {
-            self.back_bore_words(words, axes, &mut series, kept.is_some(), offset)?;
+            self.back_bore_words(cause, axes, &mut series, kept.is_some())?;
         }
         Ok(series)
     }
@@ -299,20 +282,20 @@ impl Interpreter {
     /// The words that only G87 has: I, J and K, two of them steps aside, the third a level.
     fn back_bore_words(
         &self,
-        words: &Words,
+        cause: Cause,
         axes: &CycleAxes,
         series: &mut Series,
         stays: bool,
-        offset: usize,
     ) -> Result<(), Refusal> {
+        let Cause { words, offset, .. } = cause;
         let missing = |letter, what: &str| missing(Cycle::BackBore, letter, what).at(offset);
         if !axes.complete {
             let right = "back boring steps aside in the plane: both its axes must be slides";
-            return refuse(offset, "G87", right);
+            return cause.refuse("G87", right);
         }
         for (step_mm, letter) in series.aside_mm.iter_mut().zip(axes.offset_letters) {
             match words.value(letter) {
-                Some(word) => *step_mm = word.value * self.unit_mm(),
+                Some(word) => *step_mm = word.value * self.in_force.unit_mm(),
                 None if stays => {}
                 None => return Err(missing(letter, "the step aside, to pass the hole,")),
             }
@@ -325,15 +308,10 @@ impl Interpreter {
         Ok(())
     }
 
-    /// A length that the block gives beside its axis words.
-    fn length_mm(&self, words: &Words, letter: char) -> Option<f64> {
-        words.value(letter).map(|word| word.value * self.unit_mm())
-    }
-
     /// A level that the block gives.
     fn level(&self, given_mm: Option<f64>) -> Option<Level> {
         given_mm.map(|mm| {
-            if self.modes.incremental {
+            if self.in_force.incremental {
                 Level::From(mm)
             } else {
                 Level::At(mm)
@@ -342,22 +320,17 @@ impl Interpreter {
     }
 
     /// The levels of a block, in machine coordinates.
-    fn cycle_levels(
-        &self,
-        words: &Words,
-        series: &Series,
-        offset: usize,
-    ) -> Result<Levels, Refusal> {
-        let zero_mm = self.offsets.zero[series.drill_axis];
+    fn cycle_levels(&self, cause: Cause, series: &Series) -> Result<Levels, Refusal> {
+        let zero_mm = self.offsets.zero()[series.drill_axis];
         let levels = series.levels(zero_mm);
         if levels.r_mm < levels.bottom_mm {
-            let axis = self.setup.axes.get(series.drill_axis);
+            let axis = self.equipment.axes.get(series.drill_axis);
             let letter = axis.map_or('Z', |axis| axis.letter);
             let [r, bottom] =
-                [levels.r_mm, levels.bottom_mm].map(|mm| (mm - zero_mm) / self.unit_mm());
+                [levels.r_mm, levels.bottom_mm].map(|mm| (mm - zero_mm) / self.in_force.unit_mm());
             let cycle = series.cycle;
             let found = format!("{cycle} with R at {r:.4} below {letter} at {bottom:.4}");
-            let place = words.place('R', words.place(letter, offset));
+            let place = cause.words.place('R', cause.place(letter));
             return refuse(place, found, "R lies above the bottom of the hole");
         }
         Ok(levels)
@@ -367,7 +340,7 @@ impl Interpreter {
     fn peck_mm(&self, words: &Words) -> Result<Option<f64>, Refusal> {
         match words.value('Q') {
             Some(q) if q.value <= 0.0 => q.refuse("a peck is above 0"),
-            given => Ok(given.map(|q| q.value * self.unit_mm())),
+            _ => Ok(self.length_mm(words, 'Q')),
         }
     }
 }

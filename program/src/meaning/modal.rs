@@ -1,6 +1,10 @@
 //! What an operator reads of the state of a program: codes in force, offsets, F, S, T.
 
-use super::*;
+use path::geometry::AxisVector;
+
+use super::State;
+use crate::offsets::Offsets;
+use crate::parameters::base;
 
 /// The state of a program at a block, as an operator reads it.
 #[derive(Debug, Clone, PartialEq)]
@@ -22,17 +26,17 @@ impl Modal {
     /// A place of the machine in the coordinates of the program, with this offset of the tool applied, in mm and degrees.
     pub fn in_program(&self, place: &AxisVector, tool_offset: &AxisVector) -> AxisVector {
         self.offsets
-            .in_program(&(place - tool_offset + self.offsets.tool))
+            .in_program(&(place - tool_offset + self.offsets.tool()))
     }
 
     /// The other way round.
     pub fn in_machine(&self, place: &AxisVector, tool_offset: &AxisVector) -> AxisVector {
-        self.offsets.in_machine(place) - self.offsets.tool + tool_offset
+        self.offsets.in_machine(place) - self.offsets.tool() + tool_offset
     }
 
     /// What the length of the tool takes off, in mm and degrees.
     pub fn tool_length(&self) -> AxisVector {
-        self.offsets.tool
+        *self.offsets.tool()
     }
 }
 
@@ -41,62 +45,58 @@ fn shown(letter: char, tenfold: f64) -> String {
     format!("{letter}{}", tenfold / 10.0)
 }
 
-impl Interpreter {
-    /// Whether an offset of a tool is applied, also one of 0.
-    pub(super) fn applies_offset(&self) -> bool {
-        self.tool.offset_of != 0 || self.offsets.tool != AxisVector::zeros()
-    }
-
-    /// The state that the blocks so far have left.
-    pub fn modal(&self) -> Modal {
+impl State {
+    /// The state as an operator reads it, with ten times the code of the radius compensation.
+    pub fn modal(&self, compensation_code: u32) -> Modal {
         let either = |first: bool, yes: &str, no: &str| if first { yes } else { no }.to_owned();
-        let system = self.parameters.get(base::WORK_OFFSET).clamp(1.0, 9.0) as usize - 1;
+        let modes = &self.in_force;
+        let system = self.work_offset();
         let offset = machine::offsets_file::WORK_OFFSETS.get(system);
         let mut codes = vec![
-            shown('G', self.motion_mode()),
-            shown('G', f64::from(self.modes.plane.0) * 10.0),
-            either(self.modes.inches, "G20", "G21"),
-            shown('G', f64::from(self.compensation_code())),
+            shown('G', modes.motion_code()),
+            shown('G', f64::from(modes.plane.0) * 10.0),
+            either(modes.inches, "G20", "G21"),
+            shown('G', f64::from(compensation_code)),
             either(self.applies_offset(), "G43", "G49"),
             offset.copied().unwrap_or("G54").to_owned(),
-            shown('G', f64::from(self.modes.path_control)),
-            either(self.modes.incremental, "G91", "G90"),
-            self.modes.feed_mode.to_string(),
-            either(self.modes.surface.is_some(), "G96", "G97"),
-            either(self.modes.returns_to_r, "G99", "G98"),
+            shown('G', f64::from(modes.path_control)),
+            either(modes.incremental, "G91", "G90"),
+            modes.feed_mode.to_string(),
+            either(modes.surface.is_some(), "G96", "G97"),
+            either(modes.returns_to_r, "G99", "G98"),
         ];
-        if self.modes.diameters {
+        if modes.diameters {
             codes.push("G7".to_owned());
         }
         if self.parameters.get(base::G92_APPLIES) != 0.0 {
             codes.push("G92".to_owned());
         }
-        codes.push(match self.modes.spindle.direction {
+        codes.push(match modes.spindle.direction {
             1.. => "M3".to_owned(),
             0 => "M5".to_owned(),
             _ => "M4".to_owned(),
         });
-        let coolant = [("M7", self.modes.coolant[0]), ("M8", self.modes.coolant[1])];
+        let coolant = [("M7", modes.coolant[0]), ("M8", modes.coolant[1])];
         codes.extend(
             coolant
                 .iter()
                 .filter(|(_, on)| *on)
                 .map(|(code, _)| (*code).to_owned()),
         );
-        if self.modes.coolant == [false; 2] {
+        if modes.coolant == [false; 2] {
             codes.push("M9".to_owned());
         }
         codes.push(either(
-            self.modes.feed_override && self.modes.spindle_override,
+            modes.feed_override && modes.spindle_override,
             "M48",
             "M49",
         ));
         Modal {
             codes,
             work_offset: system,
-            feed: self.modes.feed.map(|feed| feed.value),
-            speed: self.modes.spindle.speed,
-            tool: self.tool.number,
+            feed: modes.feed.map(|feed| feed.value),
+            speed: modes.spindle.speed,
+            tool: self.tools.in_spindle(),
             offsets: self.offsets,
         }
     }

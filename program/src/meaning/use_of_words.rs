@@ -1,7 +1,10 @@
 //! Words that nothing in their block makes use of are refused: whoever wrote them meant something.
 
-use super::*;
-use crate::words::mask_of;
+use super::State;
+use crate::letters::AXIS_LETTERS;
+use crate::refusal::{Refusal, refuse};
+use crate::state::Motion;
+use crate::words::{Group, Words, mask_of};
 
 /// F, S and T set what stays in force, in any block.
 const ALWAYS: u32 = mask_of("FST");
@@ -56,11 +59,13 @@ fn belongs_to(letter: char) -> &'static str {
     }
 }
 
-impl Interpreter {
+impl State {
     /// The motion mode that is in force in this block.
     fn motion_of(&self, words: &Words) -> Motion {
         let code = words.code(Group::Motion);
-        code.map_or(self.motion, |(number, _)| Motion::of_code(number))
+        code.map_or(self.in_force.motion(), |(number, _)| {
+            Motion::of_code(number)
+        })
     }
 
     /// The letters that a motion makes use of.
@@ -82,7 +87,7 @@ impl Interpreter {
     }
 
     /// Refuses words that nothing in the block makes use of, and words that two codes could mean.
-    pub(super) fn check_words_used(&self, words: &Words) -> Result<(), Refusal> {
+    pub fn check_words_used(&self, words: &Words) -> Result<(), Refusal> {
         let mut used = ALWAYS;
         let (mut p_users, mut q_users) = (0, 0);
         let mut count = |letters: u32| {

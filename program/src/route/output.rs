@@ -27,6 +27,8 @@ pub struct Output {
     pub arc_feeds: u32,
     /// A number in some element is not finite.
     pub is_infinite: bool,
+    /// The last motion was in G61.1.
+    stopped_exactly: bool,
 }
 
 /// How many elements there may be.
@@ -85,6 +87,13 @@ impl Output {
     pub fn add_finite(&mut self, element: Element) {
         self.piece.elements.push(element);
         self.counts.elements += 1;
+    }
+
+    /// Whether the tool rests before a motion: in G61.1 it does before and behind each.
+    #[inline]
+    pub fn rests_before(&mut self, stops_exactly: bool) -> bool {
+        let stopped = std::mem::replace(&mut self.stopped_exactly, stops_exactly);
+        stops_exactly || stopped
     }
 
     pub fn happen(&mut self, line: u32, kind: EventKind) {

@@ -1,11 +1,17 @@
 //! The lathe cycles G70, G71 and G72: their words, the lines of their profile, and the moves that these become.
 
-use super::*;
+use path::geometry::Feed;
+
+use super::{Cause, Leg, State};
+use crate::arc::{ArcBlock, ArcTolerance, Circle};
 use crate::codes::shown_code;
 use crate::compensation::Way;
 use crate::flat::Flat;
 use crate::reader::Word;
+use crate::refusal::{Refusal, refuse};
 use crate::roughing::{Cut, Finishing, Piece, Pockets, Roughing, finishing, roughing};
+use crate::state::Motion;
+use crate::words::{Group, Words};
 
 /// The most passes of G70.
 const PASSES_MAX: f64 = 1_000.0;
@@ -14,7 +20,7 @@ const PASSES_MAX: f64 = 1_000.0;
 #[derive(Debug, Clone)]
 pub struct ProfileReading {
     /// Its pieces so far, in the coordinates of the program.
-    pub pieces: Vec<Piece>,
+    pieces: Vec<Piece>,
     start: Flat,
     at: Flat,
     motion: Motion,
@@ -25,16 +31,16 @@ pub fn is_turning(number: u32) -> bool {
     matches!(number, 700 | 710..=712 | 720..=722)
 }
 
-impl Interpreter {
+impl State {
     /// A profile that begins where the block says, or where the tool is.
     pub fn begin_profile(&self, words: &Words, word: Word) -> Result<ProfileReading, Refusal> {
         let code = shown_code((word.value * 10.0).round() as u32);
         let refuse =
             |what: &str, right: &str| refuse(word.offset, format!("G{code} {what}"), right);
-        if self.modes.plane.0 != 18 {
+        if self.in_force.plane.0 != 18 {
             return refuse("outside G18", "turning is in the plane ZX: G18 before it");
         }
-        if self.modes.incremental {
+        if self.in_force.incremental {
             return refuse("in G91", "its profile is absolute: G90 before it");
         }
         let plane = self.plane_axes(word.offset)?;
@@ -43,14 +49,14 @@ impl Interpreter {
             pieces: vec![],
             start,
             at: start,
-            motion: self.motion,
+            motion: self.in_force.motion(),
         })
     }
 
     /// Z and X of a block, in mm; what it does not say stays.
     fn profile_place(&self, words: &Words, from: Flat) -> Result<Flat, Refusal> {
         let value = |letter| {
-            let index = self.setup.axis_index(letter)?;
+            let index = self.equipment.axis_index(letter)?;
             self.axis_value(words, index)
         };
         Ok(Flat::new(
@@ -116,14 +122,14 @@ impl Interpreter {
             let arm = Flat::new(
                 words.value('K').map_or(0.0, |word| word.value),
                 words.value('I').map_or(0.0, |word| word.value),
-            ) * self.unit_mm();
-            return Ok(if self.modes.arc_absolute {
+            ) * self.in_force.unit_mm();
+            return Ok(if self.in_force.arc_absolute {
                 arm
             } else {
                 from + arm
             });
         }
-        let radius_mm = words.value('R').map_or(0.0, |word| word.value) * self.unit_mm();
+        let radius_mm = words.value('R').map_or(0.0, |word| word.value) * self.in_force.unit_mm();
         let chord = to - from;
         let squared = radius_mm * radius_mm / chord.dot(chord) - 0.25;
         if radius_mm < 0.0 || squared < -1e-9 {
@@ -140,27 +146,20 @@ impl Interpreter {
         })
     }
 
-    /// The moves of a cycle along a profile.
-    pub fn turn(
-        &mut self,
-        line: u32,
-        words: &Words,
-        word: Word,
-        reading: &ProfileReading,
-    ) -> Result<(), Vec<Refusal>> {
-        let offset = word.offset;
+    /// The cuts of a cycle along a profile, its way to the start first.
+    pub fn cuts(&self, cause: Cause, reading: &ProfileReading) -> Result<Vec<Cut>, Refusal> {
+        let Cause { words, offset, .. } = cause;
         let number = words.code(Group::Motion).map_or(0, |(number, _)| number);
         let code = shown_code(number);
         let wrong =
             |Refusal { found, right, .. }| Refusal::new(offset, format!("G{code}: {found}"), right);
-        let length = |letter: char, default_mm: f64| {
-            let given = words.value(letter);
-            given.map_or(default_mm, |word| word.value * self.unit_mm())
-        };
+        let length = |letter, default_mm| self.length_mm(words, letter).unwrap_or(default_mm);
+        let unit_mm = self.in_force.unit_mm();
+        let start = reading.start;
         let cuts = if number == 700 {
             let passes = words.whole('P', "passes are a whole number", 1.0..=PASSES_MAX);
             let words = Finishing {
-                start: reading.start,
+                start,
                 from_mm: length('D', 0.0),
                 to_mm: length('E', 0.0),
                 passes: passes.map_err(|wrong| wrong.at(offset))?.unwrap_or(1),
@@ -168,10 +167,10 @@ impl Interpreter {
             finishing(&reading.pieces, &words)
         } else {
             let words = Roughing {
-                start: reading.start,
+                start,
                 leave_mm: length('D', 0.0),
-                depth_mm: length('I', self.unit_mm()),
-                retract_mm: length('R', 0.5 * self.unit_mm()),
+                depth_mm: length('I', unit_mm),
+                retract_mm: length('R', 0.5 * unit_mm),
                 shift: Flat::new(length('W', 0.0), length('U', 0.0)),
                 pockets: match number % 10 {
                     1 => Pockets::Leave,
@@ -183,35 +182,24 @@ impl Interpreter {
             roughing(&reading.pieces, &words)
         };
         let cuts = cuts.map_err(wrong)?;
-        let plane = self.plane_axes(offset)?;
-        // The words of the cycle are no places of single moves.
-        let plain = Words::default();
-        for cut in std::iter::once(Cut::Rapid(reading.start)).chain(cuts) {
-            self.turn_along(line, &plain, cut, plane, offset)?;
-        }
-        Ok(())
+        Ok(std::iter::once(Cut::Rapid(start)).chain(cuts).collect())
     }
 
-    fn turn_along(
-        &mut self,
-        line: u32,
-        words: &Words,
-        cut: Cut,
-        plane: [usize; 2],
-        offset: usize,
-    ) -> Result<(), Vec<Refusal>> {
+    /// The motion of a cut from where the program is, and its motion mode.
+    pub fn leg_of_cut(&self, cut: Cut, offset: usize) -> Result<(Leg, Motion), Refusal> {
+        let plane = self.plane_axes(offset)?;
         let program = self.in_program(&self.position);
         let in_machine =
             |place: Flat| Flat::of(&self.in_machine(&place.put_into(program, plane)), plane);
         let (Cut::Rapid(to) | Cut::Feed(to) | Cut::Arc { to, .. }) = cut;
-        let target = in_machine(to).put_into(self.position, plane);
+        let to = in_machine(to).put_into(self.position, plane);
         let feed = match cut {
             Cut::Rapid(_) => Feed::Rapid,
-            _ => self.feed(&target, offset)?,
+            _ => self.feed(&to, offset)?,
         };
         let (shapes, way, motion) = match cut {
-            Cut::Rapid(_) => (self.straight_to(target), Way::Rapid, Motion::Rapid),
-            Cut::Feed(_) => (self.straight_to(target), Way::Line, Motion::Line),
+            Cut::Rapid(_) => (self.straight_to(to), Way::Rapid, Motion::Rapid),
+            Cut::Feed(_) => (self.straight_to(to), Way::Line, Motion::Line),
             Cut::Arc {
                 centre,
                 counter_clockwise,
@@ -220,7 +208,7 @@ impl Interpreter {
                 let clockwise = !counter_clockwise;
                 let block = ArcBlock {
                     from: self.position,
-                    to: target,
+                    to,
                     plane,
                     circle: Circle::Centre(in_machine(centre)),
                     clockwise,
@@ -228,15 +216,15 @@ impl Interpreter {
                     tolerance: ArcTolerance::METRIC,
                 };
                 let shapes = block.shapes().map_err(|wrong| wrong.at(offset))?;
-                (shapes, Self::way_of(&block)?, Motion::Arc { clockwise })
+                (shapes, block.way()?, Motion::Arc { clockwise })
             }
         };
-        match cut {
-            Cut::Rapid(_) => {}
-            Cut::Feed(_) => self.output.straight_feeds += 1,
-            Cut::Arc { .. } => self.output.arc_feeds += 1,
-        }
-        self.motion = motion;
-        self.run_move(line, words, target, (shapes, way, feed), offset)
+        let leg = Leg {
+            to,
+            shapes,
+            way,
+            feed,
+        };
+        Ok((leg, motion))
     }
 }

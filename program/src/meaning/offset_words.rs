@@ -1,16 +1,70 @@
-//! Codes that are done once: G10, G28, G30, G52, G92, and the choice of a work offset.
+//! Which work offset is in force, and the codes that set offsets once: G10, G52, G92, G28.1 and G30.1.
 
-use super::*;
-use crate::reader::Word;
+use path::geometry::AxisVector;
 
-impl Interpreter {
-    /// G54 to G59.3.
-    pub(super) fn work_offset_words(&mut self, words: &Words) {
-        let Some((number, _)) = words.code(Group::WorkOffset) else {
-            return;
-        };
-        self.set_work_offset_of(number);
+use super::{Cause, State};
+use crate::parameters::base;
+use crate::refusal::{Refusal, refuse};
+use crate::words::{Group, Words};
+
+impl State {
+    /// The first work offset is the machine's, unless a program before has kept another one.
+    pub(super) fn set_first_offsets(&mut self) {
+        let equipment = self.equipment.clone();
+        self.parameters.set(base::WORK_OFFSET, 1.0);
+        self.set_vector(base::G54, equipment.work_offset);
+        for (number, value) in &equipment.parameters {
+            self.parameters.set(*number, *value);
+        }
+        if self.parameters.get(base::G92_APPLIES) != 0.0 {
+            self.offsets.set_g92(self.vector_of(base::G92_APPLIES + 1));
+        }
         self.take_offsets();
+    }
+
+    /// The position that a group of nine parameters holds.
+    pub fn vector_of(&self, first: u32) -> AxisVector {
+        let mut vector = AxisVector::zeros();
+        for (index, component) in vector.iter_mut().enumerate() {
+            if let Some(at) = self.equipment.place_in_nine(index) {
+                *component = self.parameters.get(first + at as u32);
+            }
+        }
+        vector
+    }
+
+    /// Sets a group of nine parameters to a position.
+    pub fn set_vector(&mut self, first: u32, vector: AxisVector) {
+        for (index, value) in vector.iter().enumerate() {
+            if let Some(at) = self.equipment.place_in_nine(index) {
+                self.parameters.set(first + at as u32, *value);
+            }
+        }
+    }
+
+    /// Index of the work offset in force: 0 is G54.
+    pub fn work_offset(&self) -> usize {
+        self.parameters.get(base::WORK_OFFSET).clamp(1.0, 9.0) as usize - 1
+    }
+
+    /// The first parameter of the work offset in force.
+    fn work_base(&self) -> u32 {
+        base::G54 + 20 * self.work_offset() as u32
+    }
+
+    /// Takes the work offset in force from the parameters.
+    pub(super) fn take_offsets(&mut self) {
+        let first = self.work_base();
+        let rotation_deg = self.parameters.get(first + 9);
+        self.offsets.set_work(self.vector_of(first), rotation_deg);
+    }
+
+    /// G54 to G59.3.
+    pub fn work_offset_words(&mut self, words: &Words) {
+        if let Some((number, _)) = words.code(Group::WorkOffset) {
+            self.set_work_offset_of(number);
+            self.take_offsets();
+        }
     }
 
     /// Names the work offset of a code in the parameter for the one in force.
@@ -22,19 +76,14 @@ impl Interpreter {
         self.parameters.set(base::WORK_OFFSET, f64::from(system));
     }
 
-    /// The code of the block that is done once; its axis words are no motion.
-    pub(super) fn once(&mut self, line: u32, words: &mut Words) -> Result<(), Vec<Refusal>> {
-        let Some((number, word)) = words.code(Group::Once) else {
-            return Ok(());
-        };
+    /// A code that sets offsets or places once.
+    pub fn set_once(&mut self, number: u32, cause: Cause) -> Result<(), Refusal> {
         match number {
-            100 => self.set_data(words, word)?,
-            280 => self.go_home(line, words, base::HOME_28, word)?,
-            300 => self.go_home(line, words, base::HOME_30, word)?,
+            100 => self.set_data(cause)?,
             281 => self.set_vector(base::HOME_28, self.position),
             301 => self.set_vector(base::HOME_30, self.position),
-            520 => self.shift(words, |value, _| value),
-            920 => self.shift(words, |value, here| here - value),
+            520 => self.shift(cause.words, |value, _| value),
+            920 => self.shift(cause.words, |value, here| here - value),
             921 => {
                 self.set_g92(AxisVector::zeros(), false);
                 for number in base::G92_APPLIES + 1..base::G92_APPLIES + 10 {
@@ -43,24 +92,21 @@ impl Interpreter {
             }
             922 => self.set_g92(AxisVector::zeros(), false),
             923 => self.set_g92(self.vector_of(base::G92_APPLIES + 1), true),
-            _ => return Ok(()),
+            _ => {}
         }
-        words.remove(AXIS_LETTERS);
-        words.remove("IJKR");
         Ok(())
     }
 
     fn set_g92(&mut self, offset: AxisVector, applies: bool) {
-        self.offsets.g92 = offset;
+        self.offsets.set_g92(offset);
         self.parameters
             .set(base::G92_APPLIES, f64::from(u8::from(applies)));
-        self.refresh_zero();
     }
 
     /// G52 and G92: `offset` makes of a word, and of where the tool is without G92, what is added along its axis.
     fn shift(&mut self, words: &Words, offset: impl Fn(f64, f64) -> f64) {
-        let here = self.in_program(&self.position) + self.offsets.g92;
-        let mut g92 = self.offsets.g92;
+        let mut g92 = *self.offsets.g92();
+        let here = self.in_program(&self.position) + g92;
         for (index, (component, here)) in g92.iter_mut().zip(&here).enumerate() {
             if let Some(value) = self.axis_value(words, index) {
                 *component = offset(value, *here);
@@ -70,70 +116,28 @@ impl Interpreter {
         self.set_g92(g92, true);
     }
 
-    /// G28 and G30: over the place that the words name, then the axes that they name (or all) to the place that is kept.
-    fn go_home(
-        &mut self,
-        line: u32,
-        words: &Words,
-        first: u32,
-        word: Word,
-    ) -> Result<(), Vec<Refusal>> {
-        let mut home = self.vector_of(first);
-        if words.first_of(AXIS_LETTERS).is_some() {
-            // Whatever the motion mode. G53 is no part of such a block, so nothing is refused.
-            let over = self.target(words).unwrap_or(self.position);
-            for (index, (component, over)) in home.iter_mut().zip(&over).enumerate() {
-                if self.axis_value(words, index).is_none() {
-                    *component = *over;
-                }
-            }
-            self.rapid_to(line, words, over, word.offset)?;
-        }
-        let places = home.iter_mut().zip(&self.position);
-        for (component, here) in places.skip(self.setup.axes.len()) {
-            *component = *here;
-        }
-        let home = self.shorter_ways(home);
-        self.rapid_to(line, words, home, word.offset)
-    }
-
-    fn rapid_to(
-        &mut self,
-        line: u32,
-        words: &Words,
-        to: AxisVector,
-        offset: usize,
-    ) -> Result<(), Vec<Refusal>> {
-        let way = self.straight_to(to);
-        self.go(line, words, way, Feed::Rapid, offset)
-    }
-
     /// G10.
-    fn set_data(&mut self, words: &Words, word: Word) -> Result<(), Refusal> {
+    fn set_data(&mut self, cause: Cause) -> Result<(), Refusal> {
         let right = "L2 and L20 set a work offset, L1, L10 and L11 a tool";
-        let Some(l) = words.value('L') else {
-            return refuse(word.offset, "G10 without L", right);
+        let Some(l) = cause.words.value('L') else {
+            return cause.refuse("G10 without L", right);
         };
         match l.value {
-            2.0 | 20.0 => self.set_work_offset(words, l.value == 20.0, word.offset),
-            1.0 | 10.0 | 11.0 => self.set_tool(words, l.value as u32, word.offset),
+            2.0 | 20.0 => self.set_work_offset(cause, l.value == 20.0),
+            1.0 | 10.0 | 11.0 => self.set_tool(cause, l.value as u32),
             _ => refuse(l.offset, format!("G10 {l}"), right),
         }
     }
 
     /// G10 L2 and L20: of the work offset P, or of the one in force with P0.
-    fn set_work_offset(
-        &mut self,
-        words: &Words,
-        by_place: bool,
-        offset: usize,
-    ) -> Result<(), Refusal> {
+    fn set_work_offset(&mut self, cause: Cause, by_place: bool) -> Result<(), Refusal> {
+        let words = cause.words;
         let given = words.value('P').map_or(-1.0, |p| p.value);
         let known = (0.0..=9.0).contains(&given) && given.fract() == 0.0;
         if !known {
             let right = "the work offset: P1 for G54 to P9 for G59.3, P0 for the one in force";
             let found = format!("G10 with P{given}");
-            return refuse(words.place('P', offset), found, right);
+            return refuse(cause.place('P'), found, right);
         }
         let first = match given as u32 {
             0 => self.work_base(),
@@ -149,7 +153,7 @@ impl Interpreter {
         let zero = self.zero_for(words, first);
         // Where X and Y are turned, the zero of one depends on both: else the tool would not be where the words say.
         let turned = by_place && self.parameters.get(first + 9) != 0.0;
-        let turned_axes = self.offsets.turned_axes.filter(|_| turned);
+        let turned_axes = self.offsets.turned_axes().filter(|_| turned);
         let is_named = |axis: usize| self.axis_value(words, axis).is_some();
         let turned_axes = turned_axes.filter(|&(x, y)| is_named(x) || is_named(y));
         let mut offset = self.vector_of(first);
@@ -172,13 +176,11 @@ impl Interpreter {
 
     /// The work offset with which the tool is where the words say.
     fn zero_for(&self, words: &Words, first: u32) -> AxisVector {
+        let rotation_deg = self.parameters.get(first + 9);
         let mut there = self.offsets;
-        there.work = self.vector_of(first);
-        there.turn_by(self.parameters.get(first + 9));
-        there.refresh_zero();
+        there.set_work(self.vector_of(first), rotation_deg);
         let place = self.with_words(words, there.in_program(&self.position));
-        there.work = AxisVector::zeros();
-        there.refresh_zero();
+        there.set_work(AxisVector::zeros(), rotation_deg);
         self.position - there.in_machine(&place)
     }
 }
