@@ -12,7 +12,7 @@ use crate::meaning::is_turning;
 use crate::program::{BLOCKS_MAX, Block, Program, ProgramEnd, Setup, source_hash};
 use crate::question::Answer;
 use crate::reader::{Line, read_line};
-use crate::refusal::{Refusal, column};
+use crate::refusal::{Done, Refusal, column};
 use crate::setup::check_setup;
 use crate::source::{Label, Source, Spot, may_jump};
 use crate::straight::Straight;
@@ -403,7 +403,7 @@ impl Execution {
     }
 
     /// A block of words.
-    fn block(&mut self, index: usize, line: &Line) -> Result<(), Vec<Refusal>> {
+    fn block(&mut self, index: usize, line: &Line) -> Done {
         if self.straight.of_words(&line.words)
             && self.interpreter.straight(index as u32 + 1, &self.straight)
         {
@@ -419,7 +419,7 @@ impl Execution {
     }
 
     /// What a block does that goes on in other lines: M98, M99, and G70 to G72.
-    fn goes_elsewhere(&mut self, index: usize, words: &Words) -> Result<(), Vec<Refusal>> {
+    fn goes_elsewhere(&mut self, index: usize, words: &Words) -> Done {
         if !self.interpreter.state_known {
             return Ok(());
         }

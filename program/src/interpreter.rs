@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
-use machine::{KeptParameters, Tool, is_always_kept};
+use machine::{KeptParameters, is_always_kept};
 use path::geometry::AxisVector;
 
 use crate::act::Acts;
@@ -13,8 +13,8 @@ use crate::frames::{Frame, Frames};
 use crate::meaning::{Drilling, Modal, Splines, State, input_asked, output_switched};
 use crate::parameters::{NUMBER_MAX, Parameters, acts_in_fanuc, base};
 use crate::program::{EventKind, ProgramEnd, Setup};
-use crate::reader::Line;
-use crate::refusal::{Refusal, refuse};
+use crate::reader::{CommentKind, Line};
+use crate::refusal::{Done, Refusal, refuse};
 use crate::route::{Output, Route};
 use crate::words::{Group, Words};
 
@@ -24,6 +24,7 @@ mod questions;
 mod say;
 
 use questions::Questions;
+use say::{BESIDE_O_WORD, remark_of, with_values};
 
 /// What is said of a parameter that would act in Fanuc's language.
 const ACTS_IN_FANUC: &str = "a parameter that sets an output (#1100 to #1135), an offset (#2001 to #2999) or a counter of parts (#3901, #3902) in Fanuc's language: here it is the program's own and sets nothing";
@@ -59,6 +60,11 @@ impl Interpreter {
     /// Takes what a snapshot leaves out from a fresh one.
     pub fn complete(&mut self, fresh: &Self) {
         self.state.complete(&fresh.state);
+    }
+
+    /// The state that words are read in.
+    pub fn state(&self) -> &State {
+        &self.state
     }
 
     /// The machine as programs see it.
@@ -108,11 +114,6 @@ impl Interpreter {
         self.state.modal(self.route.compensation_code())
     }
 
-    /// The tools, as the program has changed them.
-    pub fn tools(&self) -> &[Tool] {
-        self.state.tools().table()
-    }
-
     /// Keeps a remark, once of a kind, for its first line.
     pub fn note(&mut self, line: u32, text: &'static str) {
         self.route.note(line, text);
@@ -131,12 +132,7 @@ impl Interpreter {
     }
 
     /// Does one block; its refusals, none if it is done.
-    pub fn run_block(
-        &mut self,
-        line: u32,
-        block: &Line,
-        words: &mut Words,
-    ) -> Result<(), Vec<Refusal>> {
+    pub fn run_block(&mut self, line: u32, block: &Line, words: &mut Words) -> Done {
         words.sort(block, self.state.equipment())?;
         if self.state_known {
             self.execute(line, words)?;
@@ -151,7 +147,7 @@ impl Interpreter {
     }
 
     /// The words of a block in the order of NIST §3.8 and LinuxCNC's manual (*Order of Execution*).
-    fn execute(&mut self, line: u32, words: &mut Words) -> Result<(), Vec<Refusal>> {
+    fn execute(&mut self, line: u32, words: &mut Words) -> Done {
         self.state.check_words_used(words)?;
         self.route.check_words(&self.state, words)?;
         self.change(line, |state, acts| state.feed_words(words, acts));
@@ -218,7 +214,7 @@ impl Interpreter {
     }
 
     /// M0, M1, M60, M2 and M30: at the end of the block.
-    fn stop_words(&mut self, line: u32, words: &Words) -> Result<(), Vec<Refusal>> {
+    fn stop_words(&mut self, line: u32, words: &Words) -> Done {
         let Some((number, word)) = words.code(Group::Stop) else {
             return Ok(());
         };
@@ -252,6 +248,41 @@ impl Interpreter {
             Target::Named(name) => {
                 self.frames.here().named.insert(name, value);
             }
+        }
+    }
+
+    /// Does what the comments of a line ask for, up to an ABORT.
+    pub fn obey_comments(&mut self, comments: &[(CommentKind, String)], beside_o_word: bool) {
+        for (kind, text) in comments {
+            if beside_o_word {
+                self.note(self.line, BESIDE_O_WORD);
+            } else if self.ended.is_none() {
+                self.obey_comment(*kind, text);
+            }
+        }
+    }
+
+    fn obey_comment(&mut self, kind: CommentKind, text: &str) {
+        let line = self.line;
+        if let Some(remark) = remark_of(kind) {
+            self.note(line, remark);
+        }
+        match kind {
+            CommentKind::Message => self.route.output.say(line, false, text.to_owned()),
+            CommentKind::Debug if self.state.parameters().get(base::DEBUG_SHOWN) <= 0.0 => {}
+            CommentKind::Debug | CommentKind::Print | CommentKind::Log => {
+                let text = with_values(text, self);
+                self.route.output.say(line, kind == CommentKind::Log, text);
+            }
+            CommentKind::ProbeOpen => self.questions.log_probes(true),
+            CommentKind::ProbeClose => self.questions.log_probes(false),
+            CommentKind::Abort => {
+                let text = with_values(text, self);
+                self.route.output.say(line, false, text);
+                self.ended = Some(ProgramEnd::Abort(line));
+            }
+            // The reader refuses Python.
+            CommentKind::LogFile | CommentKind::NoAbort | CommentKind::Python => {}
         }
     }
 

@@ -4,7 +4,7 @@
 
 use std::sync::Arc;
 
-use path::geometry::AxisVector;
+use path::geometry::{AxisVector, Feed};
 use serde::{Deserialize, Serialize};
 
 use crate::act::Acts;
@@ -55,7 +55,16 @@ pub struct Cause<'a> {
     pub offset: usize,
 }
 
-impl Cause<'_> {
+impl<'a> Cause<'a> {
+    /// The word at a place of a line.
+    pub fn new(line: u32, words: &'a Words, offset: usize) -> Self {
+        Self {
+            line,
+            words,
+            offset,
+        }
+    }
+
     /// Refuses the block at the word that asks.
     pub fn refuse<T, E: From<Refusal>>(
         &self,
@@ -171,6 +180,14 @@ impl State {
     /// The program is at the end of a motion, which the tool makes beside it.
     pub fn go_ahead(&mut self, end: AxisVector) {
         self.position = end;
+    }
+
+    /// Goes along a block of straight motion; its start.
+    #[inline]
+    pub fn go_straight(&mut self, leg: &StraightLeg) -> AxisVector {
+        self.in_force
+            .move_straight(leg.feed == Feed::Rapid, leg.feed_word);
+        std::mem::replace(&mut self.position, leg.to)
     }
 
     /// The tool stands at a place; one that is the program's is none of its own, unless the tool is to go beside the contour.

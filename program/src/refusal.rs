@@ -29,6 +29,9 @@ impl Refusal {
     }
 }
 
+/// A block that is done, or all that it is refused for.
+pub type Done = Result<(), Vec<Refusal>>;
+
 /// One refusal where a block may have several.
 impl From<Refusal> for Vec<Refusal> {
     fn from(refusal: Refusal) -> Self {
@@ -51,7 +54,7 @@ pub fn wrong<T>(found: impl Into<String>, right: impl Into<String>) -> Result<T,
 }
 
 /// A result that depends on nothing being wrong.
-pub fn if_none(refusals: Vec<Refusal>) -> Result<(), Vec<Refusal>> {
+pub fn if_none(refusals: Vec<Refusal>) -> Done {
     if refusals.is_empty() {
         Ok(())
     } else {

@@ -7,7 +7,7 @@ use crate::act::{Act, Acts};
 use crate::compensation::Compensation;
 use crate::meaning::{Cause, State, StraightLeg};
 use crate::program::EventKind;
-use crate::refusal::{Refusal, if_none};
+use crate::refusal::{Done, if_none};
 use crate::state::{Carried, Happening};
 use crate::surface::FeedPerTurn;
 
@@ -66,43 +66,26 @@ impl Route {
     }
 
     /// The same; refuses axes that leave their travel, each for the first place of all the moves.
-    pub fn perform_all(
-        &mut self,
-        state: &mut State,
-        cause: Cause,
-        acts: Acts,
-    ) -> Result<(), Vec<Refusal>> {
+    pub fn perform_all(&mut self, state: &mut State, cause: Cause, acts: Acts) -> Done {
         let ways = self.perform(state, cause.line, acts);
         if_none(self.limits.outside(state, cause, &ways))
     }
 
     /// The same; refuses the axes of the first move that leaves the travel.
-    pub fn perform_each(
-        &mut self,
-        state: &mut State,
-        cause: Cause,
-        acts: Acts,
-    ) -> Result<(), Vec<Refusal>> {
+    pub fn perform_each(&mut self, state: &mut State, cause: Cause, acts: Acts) -> Done {
         let ways = self.perform(state, cause.line, acts);
-        let mut first = Vec::new();
-        for way in ways {
-            let outside = self.limits.outside(state, cause, &[way]);
-            if first.is_empty() {
-                first = outside;
-            }
-        }
-        if_none(first)?;
+        let outside = ways.iter().map(|way| {
+            let way = std::slice::from_ref(way);
+            self.limits.outside(state, cause, way)
+        });
+        // Limits are to hear of all moves, also behind the first that is refused.
+        let outside: Vec<_> = outside.filter(|refusals| !refusals.is_empty()).collect();
+        if_none(outside.into_iter().next().unwrap_or_default())?;
         Ok(self.output.check_room(0.0, cause.offset)?)
     }
 
     /// Goes along shapes; refuses those that leave the travel.
-    pub fn go(
-        &mut self,
-        state: &mut State,
-        cause: Cause,
-        shapes: Vec<Shape>,
-        feed: Feed,
-    ) -> Result<(), Vec<Refusal>> {
+    pub fn go(&mut self, state: &mut State, cause: Cause, shapes: Vec<Shape>, feed: Feed) -> Done {
         let outside = self.limits.outside(state, cause, &Bounds::of(&shapes));
         if let Some(last) = shapes.last() {
             state.go_to(last.end());
@@ -116,12 +99,7 @@ impl Route {
     }
 
     /// The same in rapid, straight to a place.
-    pub fn go_rapid(
-        &mut self,
-        state: &mut State,
-        cause: Cause,
-        to: AxisVector,
-    ) -> Result<(), Vec<Refusal>> {
+    pub fn go_rapid(&mut self, state: &mut State, cause: Cause, to: AxisVector) -> Done {
         let shapes = state.straight_to(to);
         self.go(state, cause, shapes, Feed::Rapid)
     }

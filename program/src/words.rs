@@ -7,7 +7,7 @@ use crate::error::PROBLEMS_MAX;
 use crate::letters::AXIS_LETTERS;
 use crate::program::Setup;
 use crate::reader::{Line, Word};
-use crate::refusal::{Refusal, if_none, refuse};
+use crate::refusal::{Done, Refusal, if_none, refuse};
 
 /// Modal groups (NIST table 4; LinuxCNC manual, *G Code Modal Groups*). One code of each may be in a block.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -183,7 +183,7 @@ impl Words {
     }
 
     /// Puts the words into groups; refuses what is unknown, repeated or in conflict.
-    pub fn sort(&mut self, block: &Line, setup: &Setup) -> Result<(), Vec<Refusal>> {
+    pub fn sort(&mut self, block: &Line, setup: &Setup) -> Done {
         self.clear();
         let mut refusals = Vec::new();
         for (index, &word) in block.words.iter().enumerate() {

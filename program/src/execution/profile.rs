@@ -3,7 +3,7 @@
 use super::Execution;
 use crate::flow::{Keyword, label_of};
 use crate::reader::{Line, Word, read_line};
-use crate::refusal::{Refusal, refuse};
+use crate::refusal::{Done, Refusal, refuse};
 use crate::roughing::PIECES_MAX;
 use crate::source::Spot;
 use crate::words::Words;
@@ -18,12 +18,7 @@ struct Body {
 
 impl Execution {
     /// Does G70, G71 or G72.
-    pub(super) fn turning_cycle(
-        &mut self,
-        index: usize,
-        words: &Words,
-        word: Word,
-    ) -> Result<(), Vec<Refusal>> {
+    pub(super) fn turning_cycle(&mut self, index: usize, words: &Words, word: Word) -> Done {
         let Some(q) = words.value('Q') else {
             let found = format!("G{} without Q", word.value);
             let right = "the subroutine that holds its profile, such as Q100 for O100 sub";
@@ -41,7 +36,7 @@ impl Execution {
             let found = format!("a profile of {lines} lines");
             return refuse(q.offset, found, format!("at most {PIECES_MAX}"));
         }
-        let mut reading = self.interpreter.begin_profile(words, word)?;
+        let mut reading = self.interpreter.state().begin_profile(words, word)?;
         let mut line = Line::default();
         let mut of_line = Words::default();
         let mut next = body.start;
@@ -51,7 +46,12 @@ impl Execution {
             next = raw.1;
             let result = self
                 .profile_line(&raw.0, &mut line, &mut of_line)
-                .and_then(|()| Ok(self.interpreter.add_to_profile(&mut reading, &of_line)?));
+                .and_then(|()| {
+                    Ok(self
+                        .interpreter
+                        .state()
+                        .add_to_profile(&mut reading, &of_line)?)
+                });
             if let Err(refusals) = result {
                 self.refuse(at, refusals);
                 return Ok(());
@@ -77,12 +77,7 @@ impl Execution {
     }
 
     /// Reads a line of a profile: its words, while its assignments take effect.
-    fn profile_line(
-        &mut self,
-        raw: &str,
-        line: &mut Line,
-        words: &mut Words,
-    ) -> Result<(), Vec<Refusal>> {
+    fn profile_line(&mut self, raw: &str, line: &mut Line, words: &mut Words) -> Done {
         read_line(raw, &self.interpreter, line)?;
         for (target, value) in line.assignments.drain(..) {
             self.interpreter.assign(target, value);

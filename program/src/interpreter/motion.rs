@@ -9,7 +9,7 @@ use crate::letters::AXIS_LETTERS;
 use crate::meaning::{Cause, Leg, PLACES, ProfileReading, is_turning};
 use crate::parameters::base;
 use crate::reader::Word;
-use crate::refusal::{Refusal, refuse};
+use crate::refusal::{Done, refuse};
 use crate::splines::Curve;
 use crate::state::Motion;
 use crate::straight::Straight;
@@ -28,7 +28,7 @@ impl Interpreter {
     }
 
     /// The motion of a block, if it has one.
-    pub(super) fn travel(&mut self, line: u32, words: &Words) -> Result<(), Vec<Refusal>> {
+    pub(super) fn travel(&mut self, line: u32, words: &Words) -> Done {
         let axis_word = words.first_in(PLACES);
         // The R of M19 is an angle of the spindle.
         let code = words.code(Group::Motion);
@@ -42,11 +42,7 @@ impl Interpreter {
             // Done behind the block, by the lines of its profile.
             return Ok(());
         }
-        let cause = Cause {
-            line,
-            words,
-            offset,
-        };
+        let cause = Cause::new(line, words, offset);
         self.route.check_motion(&self.state, offset)?;
         let motion = self.state.in_force().motion();
         match motion {
@@ -80,7 +76,7 @@ impl Interpreter {
     }
 
     /// Goes along a motion of the program, and counts it if it is fed.
-    pub(super) fn follow(&mut self, cause: Cause, leg: Leg) -> Result<(), Vec<Refusal>> {
+    pub(super) fn follow(&mut self, cause: Cause, leg: Leg) -> Done {
         match leg.way {
             Way::Rapid => {}
             Way::Line => self.route.output.straight_feeds += 1,
@@ -90,7 +86,7 @@ impl Interpreter {
     }
 
     /// G40, G41, G42, G41.1 and G42.1.
-    pub(super) fn radius_words(&mut self, line: u32, words: &Words) -> Result<(), Vec<Refusal>> {
+    pub(super) fn radius_words(&mut self, line: u32, words: &Words) -> Done {
         let Some((number, word)) = words.code(Group::CutterCompensation) else {
             return Ok(());
         };
@@ -105,11 +101,7 @@ impl Interpreter {
             );
             return refuse(offset, found, "G40 before it");
         }
-        let cause = Cause {
-            line,
-            words,
-            offset,
-        };
+        let cause = Cause::new(line, words, offset);
         let start = self.change(line, |state, acts| state.radius_words(cause, number, acts))?;
         if let Some(start) = start {
             self.route.begin_beside(&mut self.state, start);
@@ -118,36 +110,23 @@ impl Interpreter {
     }
 
     /// Ends the radius compensation, if one is on.
-    pub(super) fn leave_contour(
-        &mut self,
-        line: u32,
-        words: &Words,
-        offset: usize,
-    ) -> Result<(), Vec<Refusal>> {
-        let cause = Cause {
-            line,
-            words,
-            offset,
-        };
+    pub(super) fn leave_contour(&mut self, line: u32, words: &Words, offset: usize) -> Done {
+        let cause = Cause::new(line, words, offset);
         self.route.leave_contour(&mut self.state, cause)
     }
 
     /// The same at the end of a program that does not say so.
-    pub fn end_contour(&mut self) -> Result<(), Vec<Refusal>> {
+    pub fn end_contour(&mut self) -> Done {
         self.leave_contour(self.line, &Words::default(), 0)
     }
 
     /// The code of the block that is done once; its axis words are no motion.
-    pub(super) fn once(&mut self, line: u32, words: &mut Words) -> Result<(), Vec<Refusal>> {
+    pub(super) fn once(&mut self, line: u32, words: &mut Words) -> Done {
         let Some((number, word)) = words.code(Group::Once) else {
             return Ok(());
         };
         let offset = word.offset;
-        let cause = Cause {
-            line,
-            words,
-            offset,
-        };
+        let cause = Cause::new(line, words, offset);
         match number {
             40 => return Ok(()),
             280 => self.go_home(cause, base::HOME_28)?,
@@ -160,7 +139,7 @@ impl Interpreter {
     }
 
     /// G28 and G30: over the place that the words name, then the axes that they name (or all) to the place that is kept.
-    fn go_home(&mut self, cause: Cause, first: u32) -> Result<(), Vec<Refusal>> {
+    fn go_home(&mut self, cause: Cause, first: u32) -> Done {
         let named = cause.words.first_of(AXIS_LETTERS);
         let over = named.map(|_| self.state.over_home(cause.words));
         if let Some(over) = over {
@@ -171,23 +150,20 @@ impl Interpreter {
     }
 
     /// The holes of a block of a cycle.
-    fn drill(&mut self, cause: Cause, motion: Motion) -> Result<(), Vec<Refusal>> {
+    fn drill(&mut self, cause: Cause, motion: Motion) -> Done {
         let Some(repeats) = self.state.holes_in_steps(cause.words)? else {
             return self.drill_block(cause, motion);
         };
         let mut words = cause.words.clone();
         words.remove("L");
-        let single = Cause {
-            words: &words,
-            ..cause
-        };
+        let single = Cause::new(cause.line, &words, cause.offset);
         for _ in 0..repeats {
             self.drill_block(single, motion)?;
         }
         Ok(())
     }
 
-    fn drill_block(&mut self, cause: Cause, motion: Motion) -> Result<(), Vec<Refusal>> {
+    fn drill_block(&mut self, cause: Cause, motion: Motion) -> Done {
         let Motion::Cycle(cycle) = motion else {
             return Ok(());
         };
@@ -200,12 +176,7 @@ impl Interpreter {
     }
 
     /// Goes along a curve.
-    fn go_along(
-        &mut self,
-        cause: Cause,
-        curve: &Curve,
-        plane: [usize; 2],
-    ) -> Result<(), Vec<Refusal>> {
+    fn go_along(&mut self, cause: Cause, curve: &Curve, plane: [usize; 2]) -> Done {
         let position = self.state.position();
         let end = curve.end().put_into(*position, plane);
         let shapes: Vec<Shape> = curve
@@ -215,40 +186,14 @@ impl Interpreter {
         self.route.go(&mut self.state, cause, shapes, feed)
     }
 
-    /// A profile of a lathe cycle, which begins where the block says, or where the tool is.
-    pub fn begin_profile(&self, words: &Words, word: Word) -> Result<ProfileReading, Refusal> {
-        self.state.begin_profile(words, word)
-    }
-
-    /// One line of a profile.
-    pub fn add_to_profile(
-        &self,
-        reading: &mut ProfileReading,
-        words: &Words,
-    ) -> Result<(), Refusal> {
-        self.state.add_to_profile(reading, words)
-    }
-
     /// The moves of a cycle along a profile.
-    pub fn turn(
-        &mut self,
-        line: u32,
-        words: &Words,
-        word: Word,
-        reading: &ProfileReading,
-    ) -> Result<(), Vec<Refusal>> {
+    pub fn turn(&mut self, line: u32, words: &Words, word: Word, reading: &ProfileReading) -> Done {
         let offset = word.offset;
-        let cause = Cause {
-            line,
-            words,
-            offset,
-        };
+        let cause = Cause::new(line, words, offset);
         let cuts = self.state.cuts(cause, reading)?;
         // The words of the cycle are no places of single moves.
-        let plain = Cause {
-            words: &Words::default(),
-            ..cause
-        };
+        let no_words = Words::default();
+        let plain = Cause::new(line, &no_words, offset);
         for cut in cuts {
             let (leg, motion) = self.state.leg_of_cut(cut, offset)?;
             self.state.move_by(motion);

@@ -10,7 +10,7 @@ use crate::meaning::{Cause, Leg};
 use crate::parameters::base;
 use crate::program::EventKind;
 use crate::question::{Answer, Question};
-use crate::refusal::{Refusal, wrong};
+use crate::refusal::{Done, Refusal, wrong};
 use crate::state::FeedMode;
 
 /// What a program asks.
@@ -40,12 +40,7 @@ fn other_question() -> Refusal {
 
 impl Interpreter {
     /// The motion of a probing block: up to the trip, or to its end.
-    pub(super) fn probe(
-        &mut self,
-        cause: Cause,
-        to: AxisVector,
-        number: u32,
-    ) -> Result<(), Vec<Refusal>> {
+    pub(super) fn probe(&mut self, cause: Cause, to: AxisVector, number: u32) -> Done {
         if self.state.in_force().feed_mode == FeedMode::InverseTime {
             let right = "G94: how long the motion takes is not known";
             return cause.refuse("probing in G93", right);

@@ -17,6 +17,9 @@ use crate::words::{Group, Words, mask_of};
 /// Words that say where.
 pub const PLACES: u32 = mask_of(AXIS_LETTERS) | mask_of("@^");
 
+/// Index of the letter X.
+const X: usize = (b'X' - b'A') as usize;
+
 /// A motion as a program asks for it.
 #[derive(Debug, Clone)]
 pub struct Leg {
@@ -148,16 +151,33 @@ impl State {
         if self.offsets.is_turned() {
             return self.turned_target(words);
         }
+        self.target_by(|letter| Some(words.value((b'A' + letter as u8) as char)?.value))
+    }
+
+    /// Where plain values of axes lead, each by the index of its letter, while nothing is turned.
+    #[inline]
+    pub(super) fn target_by(&self, value_of: impl Fn(usize) -> Option<f64>) -> AxisVector {
+        let axes = self.equipment.straight_axes();
+        let unit_mm = self.in_force.unit_mm();
+        let incremental = self.in_force.incremental;
         let mut target = self.position;
-        for (index, component) in target.iter_mut().enumerate() {
-            if let Some(value) = self.axis_value(words, index) {
-                let zero = self.offsets.zero().get(index).copied().unwrap_or(0.0);
-                *component = if self.in_force.incremental {
-                    *component + value
-                } else {
-                    self.on_shorter_way(index, zero + value)
-                };
+        let places = target
+            .iter_mut()
+            .zip(self.equipment.rotary())
+            .zip(self.offsets.zero().iter());
+        for (&(letter, ..), ((component, rotary), zero)) in axes.each.iter().zip(places) {
+            let Some(value) = value_of(letter) else {
+                continue;
+            };
+            let mut value = value * if *rotary { 1.0 } else { unit_mm };
+            if letter == X {
+                value = self.in_force.radius_of(value);
             }
+            let from = if incremental { *component } else { *zero };
+            *component = from + value;
+        }
+        if axes.has_endless && !incremental {
+            return self.shorter_ways(target);
         }
         target
     }

@@ -13,7 +13,7 @@ pub struct StraightLeg {
     pub to: AxisVector,
     pub feed: Feed,
     /// The F word that is in force behind it.
-    feed_word: Option<FeedWord>,
+    pub feed_word: Option<FeedWord>,
 }
 
 impl State {
@@ -38,7 +38,10 @@ impl State {
             _ => return None,
         };
         let feed_word = self.feed_of(block)?;
-        let to = self.straight_target(block);
+        let to = self.target_by(|letter| {
+            let value = block.values.get(letter).copied();
+            value.filter(|_| block.present & (1 << letter) != 0)
+        });
         let mut places = axes.each.iter().zip(to.iter());
         if !places.all(|(&(_, low, high), place)| *place >= low && *place <= high) {
             return None;
@@ -55,14 +58,6 @@ impl State {
         })
     }
 
-    /// Goes along a block of straight motion; its start.
-    #[inline]
-    pub fn go_straight(&mut self, leg: &StraightLeg) -> AxisVector {
-        self.in_force
-            .move_straight(leg.feed == Feed::Rapid, leg.feed_word);
-        std::mem::replace(&mut self.position, leg.to)
-    }
-
     /// The feed that is in force behind the block; none where its F word needs more.
     #[expect(clippy::option_option, reason = "a feed that is none is one")]
     fn feed_of(&self, block: &Straight) -> Option<Option<FeedWord>> {
@@ -72,34 +67,6 @@ impl State {
         let value = block.values.get(FEED.trailing_zeros() as usize).copied()?;
         let unit_mm = self.in_force.unit_mm();
         (value > 0.0).then_some(Some(FeedWord { value, unit_mm }))
-    }
-
-    fn straight_target(&self, block: &Straight) -> AxisVector {
-        let axes = self.equipment.straight_axes();
-        let unit_mm = self.in_force.unit_mm();
-        let incremental = self.in_force.incremental;
-        let x = usize::from(b'X' - b'A');
-        let mut target = self.position;
-        let places = target
-            .iter_mut()
-            .zip(self.equipment.rotary())
-            .zip(self.offsets.zero().iter());
-        for (&(letter, ..), ((component, rotary), zero)) in axes.each.iter().zip(places) {
-            if block.present & (1 << letter) == 0 {
-                continue;
-            }
-            let unit = if *rotary { 1.0 } else { unit_mm };
-            let mut value = block.values.get(letter).copied().unwrap_or_default() * unit;
-            if letter == x {
-                value = self.in_force.radius_of(value);
-            }
-            let from = if incremental { *component } else { *zero };
-            *component = from + value;
-        }
-        if axes.has_endless && !incremental {
-            return self.shorter_ways(target);
-        }
-        target
     }
 
     fn straight_feed(&self, word: FeedWord, target: &AxisVector) -> Feed {

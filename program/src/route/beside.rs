@@ -8,7 +8,7 @@ use crate::arc::{ArcBlock, ArcTolerance, Circle};
 use crate::codes::shown_code;
 use crate::compensation::{Compensation, Move, Side, Start, Step, Way};
 use crate::meaning::{Cause, Leg, State};
-use crate::refusal::{Refusal, if_none, refuse};
+use crate::refusal::{Done, Refusal, if_none, refuse};
 use crate::state::{Carried, Happening, Motion};
 use crate::words::{Group, Words};
 
@@ -93,12 +93,7 @@ impl Route {
     }
 
     /// Goes along a programmed motion: as it is, or beside itself.
-    pub fn follow(
-        &mut self,
-        state: &mut State,
-        cause: Cause,
-        leg: Leg,
-    ) -> Result<(), Vec<Refusal>> {
+    pub fn follow(&mut self, state: &mut State, cause: Cause, leg: Leg) -> Done {
         let Leg {
             to,
             shapes,
@@ -129,7 +124,7 @@ impl Route {
     }
 
     /// Ends the compensation, if one is on.
-    pub fn leave_contour(&mut self, state: &mut State, cause: Cause) -> Result<(), Vec<Refusal>> {
+    pub fn leave_contour(&mut self, state: &mut State, cause: Cause) -> Done {
         let Some(beside) = self.beside.take() else {
             return Ok(());
         };
@@ -174,7 +169,7 @@ impl Route {
         cause: Cause,
         plane: [usize; 2],
         steps: Vec<Step<Carried, Happening>>,
-    ) -> Result<(), Vec<Refusal>> {
+    ) -> Done {
         let mut outside = vec![];
         for step in steps {
             let step = match step {
