@@ -1,12 +1,9 @@
 //! The words of spindle, coolant and overrides. What is told to the machine is told in events.
 
-use super::InForce;
-use crate::act::Acts;
+use super::{Acts, Group, InForce, ModalState, Words};
 use crate::program::EventKind;
 use crate::refusal::{Refusal, refuse};
-use crate::state::ModalState;
 use crate::surface::SurfaceSpeed;
-use crate::words::{Group, Words};
 
 const METRES_PER_FOOT: f64 = 0.3048;
 

@@ -2,18 +2,15 @@
 
 use path::geometry::Shape;
 
-use super::Interpreter;
+use super::{Done, Group, Interpreter, Words, base, refuse};
 use crate::codes::shown_code;
 use crate::compensation::Way;
 use crate::letters::AXIS_LETTERS;
 use crate::meaning::{Cause, Leg, PLACES, ProfileReading, is_turning};
-use crate::parameters::base;
 use crate::reader::Word;
-use crate::refusal::{Done, refuse};
 use crate::splines::Curve;
 use crate::state::Motion;
 use crate::straight::Straight;
-use crate::words::{Group, Words};
 
 impl Interpreter {
     /// Does a block of straight motion; false, and nothing done, if it needs more than that or is refused.

@@ -1,9 +1,8 @@
 //! What parameters are worth: those that were set, and those that tell of the program.
 
-use super::Interpreter;
+use super::{Interpreter, Refusal, refuse};
 use crate::expression::{Lookup, Target};
 use crate::parameters::{base, check_settable};
-use crate::refusal::{Refusal, refuse};
 
 impl Lookup for Interpreter {
     fn numbered(&self, number: u32) -> Result<f64, Refusal> {

@@ -4,11 +4,9 @@ use bus::sample::AskedInput;
 use path::geometry::{AxisVector, Element, Shape};
 use serde::{Deserialize, Serialize};
 
-use super::Interpreter;
+use super::{EventKind, Interpreter, base};
 use crate::compensation::Way;
 use crate::meaning::{Cause, Leg};
-use crate::parameters::base;
-use crate::program::EventKind;
 use crate::question::{Answer, Question};
 use crate::refusal::{Done, Refusal, wrong};
 use crate::state::FeedMode;

@@ -1,7 +1,7 @@
 //! Comments that say something.
 
+use super::CommentKind;
 use crate::expression::{Cursor, Lookup};
-use crate::reader::CommentKind;
 
 const LOG_FILE: &str = "LOGOPEN, LOGAPPEND and LOGCLOSE name no file: what (LOG, …) says stands in the run's own messages.jsonl";
 const PROBE_FILE: &str = "PROBEOPEN names no file: what the probe finds up to PROBECLOSE stands in the run's own messages.jsonl";

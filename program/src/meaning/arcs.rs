@@ -2,12 +2,10 @@
 
 use path::geometry::{AxisVector, Shape};
 
-use super::{Cause, State};
+use super::{Cause, Refusal, State, Words, refuse};
 use crate::arc::{ArcBlock, ArcTolerance, Circle};
 use crate::compensation::Way;
 use crate::flat::Flat;
-use crate::refusal::{Refusal, refuse};
-use crate::words::Words;
 
 /// The most turns of one arc.
 const TURNS_MAX: f64 = 10_000.0;

@@ -1,17 +1,12 @@
 //! The canned cycles: the words of their blocks, and the moves that these become.
 
-use path::geometry::{AxisVector, Feed};
 use serde::{Deserialize, Serialize};
 
 use super::feeds::{dwell_right, is_dwell};
-use super::{Cause, State};
-use crate::act::Acts;
+use super::{Acts, AxisVector, Cause, EventKind, Feed, Refusal, State, Words, refuse};
 use crate::cycles::{Cycle, CycleBlock, Level, Levels, PECKS_MAX, Series, Step, Turning, Wait};
 use crate::flat::Flat;
-use crate::program::EventKind;
-use crate::refusal::{Refusal, refuse};
 use crate::state::{FeedMode, Motion};
-use crate::words::Words;
 
 /// What is said where the return height is LinuxCNC's other one.
 const RETURN_HEIGHT: &str = "neither G98 nor G99 is said: holes return to the level before the cycles (G98), not to R as in LinuxCNC";

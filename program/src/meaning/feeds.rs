@@ -4,12 +4,9 @@ use std::fmt::Display;
 
 use path::geometry::{AxisVector, Feed, PathTolerance, Shape, displacement_length_mm};
 
-use super::{Cause, State};
-use crate::act::Acts;
-use crate::refusal::{Refusal, refuse};
+use super::{Acts, Cause, Group, Refusal, State, Words, refuse};
 use crate::state::{FeedMode, FeedWord};
 use crate::surface::FeedPerTurn;
-use crate::words::{Group, Words};
 
 /// The longest dwell, in s: more than a day.
 const DWELL_MAX_S: f64 = 100_000.0;

@@ -1,10 +1,7 @@
 //! The words of inputs and outputs: M62 to M68.
 
+use super::{EventKind, Group, Refusal, Words, refuse};
 use bus::sample::{ANALOG_INPUTS, AskedInput, DIGITAL_INPUTS, InputWait};
-
-use crate::program::EventKind;
-use crate::refusal::{Refusal, refuse};
-use crate::words::{Group, Words};
 
 /// The most digital and analogue outputs, as LinuxCNC has them by default.
 const OUTPUTS_MAX: f64 = 63.0;

@@ -1,10 +1,6 @@
 //! What an operator reads of the state of a program: codes in force, offsets, F, S, T.
 
-use path::geometry::AxisVector;
-
-use super::State;
-use crate::offsets::Offsets;
-use crate::parameters::base;
+use super::{AxisVector, Offsets, State, base};
 
 /// The state of a program at a block, as an operator reads it.
 #[derive(Debug, Clone, PartialEq)]

@@ -1,8 +1,7 @@
 //! What named parameters tell of the state (LinuxCNC manual, *Predefined Named Parameters*, *System Parameters*).
 
-use super::State;
+use super::{State, base};
 use crate::letters::AXIS_LETTERS;
-use crate::parameters::base;
 use crate::state::FeedMode;
 
 impl State {

@@ -1,11 +1,6 @@
 //! Which work offset is in force, and the codes that set offsets once: G10, G52, G92, G28.1 and G30.1.
 
-use path::geometry::AxisVector;
-
-use super::{Cause, State};
-use crate::parameters::base;
-use crate::refusal::{Refusal, refuse};
-use crate::words::{Group, Words};
+use super::{AxisVector, Cause, Group, Refusal, State, Words, base, refuse};
 
 impl State {
     /// The first work offset is the machine's, unless a program before has kept another one.

@@ -3,15 +3,12 @@
 use machine::TURN_DEG;
 use path::geometry::{AxisVector, Feed, Shape};
 
-use super::{Cause, State};
-use crate::act::Acts;
+use super::{Acts, Cause, Motion, Refusal, State, refuse};
 use crate::compensation::Way;
 use crate::flat::Flat;
 use crate::letters::AXIS_LETTERS;
 use crate::polar::Polar;
 use crate::reader::Word;
-use crate::refusal::{Refusal, refuse};
-use crate::state::Motion;
 use crate::words::{Group, Words, mask_of};
 
 /// Words that say where.

@@ -1,10 +1,8 @@
 //! The words that begin a cutter radius compensation: G41, G42, G41.1 and G42.1.
 
-use super::{Cause, State};
-use crate::act::Acts;
+use super::{Acts, Cause, Refusal, State, refuse};
 use crate::codes::shown_code;
 use crate::compensation::{Side, Start};
-use crate::refusal::{Refusal, refuse};
 
 impl State {
     /// The compensation that a code begins; none where no tool has a radius.

@@ -1,15 +1,11 @@
 //! The words of splines: G5, G5.1, and G5.2 to G5.3.
 
-use path::geometry::AxisVector;
 use serde::{Deserialize, Serialize};
 
-use super::{Cause, State};
+use super::{AxisVector, Cause, Group, Motion, Refusal, State, Words, refuse};
 use crate::flat::Flat;
 use crate::letters::AXIS_LETTERS;
-use crate::refusal::{Refusal, refuse};
 use crate::splines::{ControlPoint, Curve, ORDER, POINTS_MAX, Spline};
-use crate::state::Motion;
-use crate::words::{Group, Words};
 
 /// What splines keep from block to block.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]

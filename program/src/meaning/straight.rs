@@ -1,8 +1,6 @@
 //! Straight motion as most blocks have it, without the detour over the words of all blocks.
 
-use path::geometry::{AxisVector, Feed};
-
-use super::State;
+use super::{AxisVector, Feed, State};
 use crate::state::{FeedMode, FeedWord, Motion};
 use crate::straight::{FEED, Straight};
 

@@ -1,12 +1,7 @@
 //! The words of motions in step with the spindle: G33, G33.1 and G76.
 
-use path::geometry::Feed;
-
-use super::{Cause, State};
-use crate::act::Acts;
+use super::{Acts, Cause, EventKind, Feed, Refusal, State, refuse};
 use crate::letters::AXIS_LETTERS;
-use crate::program::EventKind;
-use crate::refusal::{Refusal, refuse};
 use crate::state::Spindle;
 use crate::threading::{InStep, Move, Threading};
 

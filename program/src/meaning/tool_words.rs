@@ -1,14 +1,7 @@
 //! Words that change tools: M6, M61, the length that G43 takes off, and what G10 writes into the table.
 
-use path::geometry::AxisVector;
-
-use super::{Cause, State};
-use crate::act::Acts;
+use super::{Acts, AxisVector, Cause, EventKind, Group, Refusal, State, Words, base, refuse};
 use crate::letters::AXIS_LETTERS;
-use crate::parameters::base;
-use crate::program::EventKind;
-use crate::refusal::{Refusal, refuse};
-use crate::words::{Group, Words};
 
 impl State {
     /// The tool and the offset that a run begins with.

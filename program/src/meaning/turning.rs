@@ -1,17 +1,12 @@
 //! The lathe cycles G70, G71 and G72: their words, the lines of their profile, and the moves that these become.
 
-use path::geometry::Feed;
-
-use super::{Cause, Leg, State};
+use super::{Cause, Feed, Group, Leg, Motion, Refusal, State, Words, refuse};
 use crate::arc::{ArcBlock, ArcTolerance, Circle};
 use crate::codes::shown_code;
 use crate::compensation::Way;
 use crate::flat::Flat;
 use crate::reader::Word;
-use crate::refusal::{Refusal, refuse};
 use crate::roughing::{Cut, Finishing, Piece, Pockets, Roughing, finishing, roughing};
-use crate::state::Motion;
-use crate::words::{Group, Words};
 
 /// The most passes of G70.
 const PASSES_MAX: f64 = 1_000.0;

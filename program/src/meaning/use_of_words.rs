@@ -1,9 +1,7 @@
 //! Words that nothing in their block makes use of are refused: whoever wrote them meant something.
 
-use super::State;
+use super::{Motion, Refusal, State, refuse};
 use crate::letters::AXIS_LETTERS;
-use crate::refusal::{Refusal, refuse};
-use crate::state::Motion;
 use crate::words::{Group, Words, mask_of};
 
 /// F, S and T set what stays in force, in any block.

@@ -1,9 +1,7 @@
 //! Moves beside a contour: what becomes of moves while a radius compensation is on.
 
-use path::geometry::{AxisVector, Element, Shape};
-
-use super::Route;
 use super::limits::Bounds;
+use super::{AxisVector, Element, Route, Shape};
 use crate::arc::{ArcBlock, ArcTolerance, Circle};
 use crate::codes::shown_code;
 use crate::compensation::{Compensation, Move, Side, Start, Step, Way};

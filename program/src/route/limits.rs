@@ -1,9 +1,8 @@
 //! The travel of the axes: which of them shapes would lead out of it.
 
-use path::geometry::{AxisVector, Shape};
+use super::{AxisVector, Cause, Shape, State};
 use path::travel::Travel;
 
-use crate::meaning::{Cause, State};
 use crate::refusal::Refusal;
 use crate::straight::TRAVEL_ROUNDING;
 

@@ -1,10 +1,9 @@
 //! What a program makes: its path, and what happens along it.
 
+use super::Element;
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 use std::collections::BTreeMap;
-
-use path::geometry::Element;
 
 use crate::program::{BLOCKS_MAX, Event, EventKind, Message, Note, Piece};
 use crate::refusal::{Refusal, refuse};
