@@ -162,9 +162,7 @@ impl<D: Drives> Master<D> {
         self.modes.tell(&mut feedback);
         feedback.overrun_scans = self.losses.overrun_scans();
         feedback.axis_count = self.axes.len() as u32;
-        feedback.load = self.program.load;
-        feedback.program = self.program.state as u32;
-        feedback.run = self.program.run;
+        self.program.tell(&mut feedback);
         self.auxiliary.tell(&mut feedback);
         for (out, axis) in feedback.axes.iter_mut().zip(self.axes.iter()) {
             *out = axis.tell();
@@ -289,7 +287,7 @@ impl<D: Drives> Master<D> {
         let Some((status, planner)) = answers.planner.as_ref().zip(planner) else {
             return;
         };
-        let of_program = status.load == self.program.load;
+        let of_program = status.load == self.program.load();
         // A planner knows no other reason to stop than its own.
         let knows = status.cause == 0 || status.cause == Cause::Planner as u32;
         let genuine =
@@ -419,7 +417,7 @@ impl<D: Drives> Master<D> {
         let standing = match self.mode() {
             Mode::Finished | Mode::Stopped => true,
             Mode::Tripped => {
-                let waits = self.waits_for_servo() && self.program.typed.is_none();
+                let waits = self.waits_for_servo() && !self.program.is_typed();
                 self.axes.stand() && (self.modes.may_end() || !waits)
             }
             Mode::Disabled => self.modes.may_end(),

@@ -24,7 +24,7 @@ impl<D: Drives> Master<D> {
         }
         let number = whole_number(request.value)?;
         // Numbers go up: a late order does not bring an earlier program back.
-        if number <= self.program.load {
+        if number <= self.program.load() {
             return Err(Refused::BadValue.into());
         }
         if self.mode() == Mode::Stopped {
@@ -41,7 +41,7 @@ impl<D: Drives> Master<D> {
     /// which it is read again behind them.
     fn order_typed_blocks(&mut self, request: &OperatorRequest) -> Result<(), Refusal> {
         self.may_begin()?;
-        let is_loaded = match self.program.state {
+        let is_loaded = match self.program.state() {
             ProgramState::Loaded | ProgramState::Done => true,
             ProgramState::None => false,
             ProgramState::Loading => return Err(Refused::Loading.into()),
@@ -50,8 +50,8 @@ impl<D: Drives> Master<D> {
         let number = whole_number(request.value)?;
         let before = request.deadline_scans;
         // The other number is that of the program which is loaded now, and numbers go up.
-        let is_of_loaded = request.session == self.program.load.saturating_add(1);
-        if !is_of_loaded || number <= self.program.load || before != 0 && before <= number {
+        let is_of_loaded = request.session == self.program.load().saturating_add(1);
+        if !is_of_loaded || number <= self.program.load() || before != 0 && before <= number {
             return Err(Refused::BadValue.into());
         }
         let typed = TypedBlocks {
@@ -67,18 +67,16 @@ impl<D: Drives> Master<D> {
         self.windows.forget_path(self.scan);
         self.auxiliary.forget_program(self.scan);
         self.forget_program_cause();
-        self.program.load = number;
-        self.program.state = ProgramState::Loading;
-        self.program.typed = typed;
+        self.program.read_from(number, typed);
     }
 
     /// Typed-in blocks begin once they are read, where the machine is ready for them all that time. They are over once they are done, or
     /// the machine has stopped, tripped or been switched off.
     pub(super) fn step_typed_blocks(&mut self) {
-        if self.program.typed.is_none() {
+        if !self.program.is_typed() {
             return;
         }
-        match (self.program.state, self.mode()) {
+        match (self.program.state(), self.mode()) {
             (ProgramState::Loading, Mode::Ready) => {}
             (ProgramState::Loaded, _) if self.may_begin().is_ok() => self.begin_program(0),
             (ProgramState::Running, Mode::Disabled) => self.leave_typed_blocks(),
@@ -92,7 +90,7 @@ impl<D: Drives> Master<D> {
 
     /// Typed-in blocks that were begun are given up.
     pub(super) fn leave_typed_blocks(&mut self) {
-        if self.program.typed.is_some() && self.program.is_running() {
+        if self.program.is_typed() && self.program.is_running() {
             self.leave_program();
         }
     }
@@ -102,11 +100,11 @@ impl<D: Drives> Master<D> {
     pub(super) fn order_start(&mut self, meant: u32, line: f64) -> Result<(), Refusal> {
         self.must_stay()?;
         let line = whole_number(line)?;
-        if meant != 0 && meant != self.program.load {
+        if meant != 0 && meant != self.program.load() {
             return Err(Refused::BadValue.into());
         }
         self.may_begin()?;
-        match self.program.state {
+        match self.program.state() {
             ProgramState::Loaded | ProgramState::Done => {}
             ProgramState::Loading => return Err(Refused::Loading.into()),
             ProgramState::Running => return Err(Refused::Running.into()),
@@ -137,8 +135,7 @@ impl<D: Drives> Master<D> {
         self.auxiliary.forget_program(self.scan);
         self.forget_program_cause();
         self.auxiliary.seek_line(line);
-        self.program.state = ProgramState::Running;
-        self.program.run = self.program.run.saturating_add(1);
+        self.program.begin();
         self.modes.enable();
     }
 
@@ -146,7 +143,7 @@ impl<D: Drives> Master<D> {
     /// left. A trip is acknowledged as `enable` does it.
     pub(super) fn order_reset(&mut self) -> Result<(), Refusal> {
         self.must_stay()?;
-        match self.program.state {
+        match self.program.state() {
             ProgramState::None => return Err(Refused::NoProgram.into()),
             ProgramState::Loading => return Err(Refused::Loading.into()),
             ProgramState::Loaded | ProgramState::Running | ProgramState::Done => {}
@@ -166,11 +163,12 @@ impl<D: Drives> Master<D> {
         if self.mode() == Mode::Ready {
             self.clear_causes();
         }
+        // Typed-in blocks that ended with the trip have left the program from before to be read again.
         if matches!(
-            self.program.state,
+            self.program.state(),
             ProgramState::Running | ProgramState::Done
         ) {
-            self.program.state = ProgramState::Loaded;
+            self.program.end(false);
         }
         self.program.end_typed_blocks();
         Ok(())
@@ -190,19 +188,18 @@ impl<D: Drives> Master<D> {
     /// given up is shown until one begins. A program that was stopped otherwise stays where it is; typed-in blocks are given up.
     pub(super) fn leave_program(&mut self) {
         let done = self.mode() == Mode::Finished;
-        if !done && self.modes.cause() != Cause::Abort && self.program.typed.is_none() {
+        if !done && self.modes.cause() != Cause::Abort && !self.program.is_typed() {
             return;
         }
         self.windows.forget_path(self.scan);
         if done {
             let leaves_spindle = self.program.leaves_spindle();
-            self.auxiliary.end_run(self.program.run, leaves_spindle);
-            self.program.state = ProgramState::Done;
+            self.auxiliary.end_run(self.program.run(), leaves_spindle);
         } else {
             self.auxiliary.discard_program();
-            self.program.state = ProgramState::Loaded;
         }
-        if self.program.typed.is_some() {
+        self.program.end(done);
+        if self.program.is_typed() {
             // It was for them.
             self.modes.release();
         }

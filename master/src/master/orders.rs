@@ -132,7 +132,7 @@ impl<D: Drives> Master<D> {
             reason: reason as u32,
             hold: u32::from(self.modes.is_held()),
             override_percent: self.modes.override_percent(),
-            run: self.program.run,
+            run: self.program.run(),
             axis: cut.map_or(axis, |(axis, _)| axis),
             counts: by_order.counts,
             cut: u32::from(cut.is_some()),

@@ -1,5 +1,5 @@
 //! The program of a cell: loaded, started, done; and when a run ends by itself.
-use bus::sample::{Mode, ProgramState};
+use bus::sample::{Feedback, Mode, ProgramState};
 
 use crate::saved::Latches;
 
@@ -20,13 +20,12 @@ pub enum RunEnd {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Loaded {
     /// Its number; 0 is the one that the cell was started with, if it was with one.
-    pub load: u32,
-    /// How far it is.
-    pub state: ProgramState,
+    load: u32,
+    state: ProgramState,
     /// Programs started so far.
-    pub run: u32,
+    run: u32,
     /// Typed-in blocks have its place.
-    pub typed: Option<TypedBlocks>,
+    typed: Option<TypedBlocks>,
 }
 
 /// Typed-in blocks: they begin as soon as they are read, and are never the program that `start` begins.
@@ -68,8 +67,62 @@ impl Loaded {
         };
     }
 
+    /// What the feedback shows of it.
+    pub fn tell(&self, feedback: &mut Feedback) {
+        feedback.load = self.load;
+        feedback.program = self.state as u32;
+        feedback.run = self.run;
+    }
+
+    /// What must outlive this master.
+    pub fn latch(&self, latches: &mut Latches) {
+        latches.load = self.load;
+        latches.program = self.state as u32;
+        latches.run = self.run;
+        (latches.typed, latches.typed_before) = self.typed_latches();
+    }
+
+    pub fn load(&self) -> u32 {
+        self.load
+    }
+
+    pub fn state(&self) -> ProgramState {
+        self.state
+    }
+
+    pub fn run(&self) -> u32 {
+        self.run
+    }
+
+    /// Whether typed-in blocks have its place.
+    pub fn is_typed(&self) -> bool {
+        self.typed.is_some()
+    }
+
+    /// The planner is to read what lies under this number.
+    pub fn read_from(&mut self, number: u32, typed: Option<TypedBlocks>) {
+        self.load = number;
+        self.state = ProgramState::Loading;
+        self.typed = typed;
+    }
+
+    /// It is started: one run more.
+    pub fn begin(&mut self) {
+        self.state = ProgramState::Running;
+        self.run = self.run.saturating_add(1);
+    }
+
+    /// It is over: done, or given up and loaded from its beginning.
+    pub fn end(&mut self, done: bool) {
+        self.state = if done {
+            ProgramState::Done
+        } else {
+            ProgramState::Loaded
+        };
+    }
+
     /// The typed-in blocks as they are saved: whether there are any and M2 ends them, and the number of the program before.
-    pub fn typed_latches(&self) -> (u32, u32) {
+    fn typed_latches(&self) -> (u32, u32) {
         self.typed.map_or((0, 0), |typed| {
             let kind = if typed.end_program {
                 TYPED_WITH_END

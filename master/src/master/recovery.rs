@@ -27,24 +27,19 @@ impl<D: Drives> Master<D> {
 
     /// What must outlive this master after the scan in progress.
     pub fn latches(&self) -> Latches {
-        let (typed, typed_before) = self.program.typed_latches();
         let mut latches = Latches {
             scan: self.scan,
             digest: self.digest.value(),
             left: self.windows.left(self.scan),
             program_start: self.program_start,
             overrun_scans: self.losses.overrun_scans(),
-            load: self.program.load,
-            program: self.program.state as u32,
-            run: self.program.run,
-            typed,
-            typed_before,
             auxiliary: self.auxiliary.latches(),
             questions: self.auxiliary.questions.latches(),
             homing: self.axes.homing_latches(),
             ..Latches::default()
         };
         self.modes.latch(&mut latches);
+        self.program.latch(&mut latches);
         latches
     }
 
