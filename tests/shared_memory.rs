@@ -332,18 +332,25 @@ fn a_hangup_that_was_ignored_at_the_start_stays_ignored() {
     assert_eq!(run.wait().expect("the run").code(), Some(0));
 }
 
-/// Runs with a limit of the operating system, set by `prlimit`.
+/// Runs with a limit of the operating system, set by `prlimit`; nothing of the cell is left.
 fn limited(limit: &str) -> Output {
     let out = tempfile::tempdir().expect("a folder");
-    Command::new("prlimit")
+    let cell = unique_cell();
+    let output = Command::new("prlimit")
         .current_dir(root())
         .arg(limit)
         .arg(env!("CARGO_BIN_EXE_quadrant"))
         .args(["run", "machines/xy", PROGRAM, "--pace", "lockstep"])
-        .args(["--cell", &unique_cell(), "--out"])
+        .args(["--cell", &cell, "--out"])
         .arg(out.path().join("run"))
         .output()
-        .expect("prlimit")
+        .expect("prlimit");
+    assert!(
+        traces_of(&cell).is_empty(),
+        "{limit}: {:?}",
+        traces_of(&cell)
+    );
+    output
 }
 
 #[test]

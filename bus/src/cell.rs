@@ -18,6 +18,7 @@ use rustix::fs::{FlockOperation, OFlags, flock};
 
 pub use crate::error::{CELL_NAME_LENGTH_MAX, CellError};
 use crate::name::{Holder, Name, Taken};
+use crate::ownership::GONE;
 pub use crate::ownership::Ownership;
 pub use crate::paths::{CellPaths, if_there, is_cell_name};
 use crate::paths::{MEMBERS_LOCK, OWNER_LOCK, SHARED_MEMORY};
@@ -369,33 +370,33 @@ impl CellPaths {
         Ok(segments? + files)
     }
 
-    /// Removes the cell's segments, and folders that an owner was about to remove when it was killed. What is another user's stays,
+    /// Removes the cell's segments, and folders that owners were about to remove when they were killed. What is another user's stays,
     /// and is named once all else has gone.
     pub(crate) fn remove_segments(&self) -> Result<usize, CellError> {
         let mut removed = 0;
         let mut foreign = None;
         let prefix = self.segment_prefix();
-        // A folder that an owner was about to remove when it was killed.
-        let left_folder = format!("quadrant-{}.", self.name());
         let entries = fs::read_dir(SHARED_MEMORY).map_err(|e| self.error("listing /dev/shm", e))?;
         for entry in entries.flatten() {
             let name = entry.file_name();
             let name = name.to_string_lossy();
             let is_segment = name.starts_with(&prefix);
-            if !is_segment && !name.starts_with(&left_folder) {
+            // A folder that an owner of any cell was about to remove: were it killed over that, nobody else would.
+            if !is_segment && !(name.starts_with("quadrant-") && name.ends_with(GONE)) {
                 continue;
             }
             let path = entry.path();
             if let Some(user) = entry.metadata().ok().and_then(|found| others(&found)) {
-                foreign.get_or_insert(self.foreign(&path, user));
+                if is_segment {
+                    foreign.get_or_insert(self.foreign(&path, user));
+                }
                 continue;
             }
-            let result = if is_segment {
-                fs::remove_file(&path)
-            } else {
-                fs::remove_dir_all(&path)
-            };
-            result
+            if !is_segment {
+                let _ = fs::remove_dir_all(&path);
+                continue;
+            }
+            fs::remove_file(&path)
                 .or_else(gone)
                 .map_err(|e| self.error(&format!("removing {}", path.display()), e))?;
             removed += 1;

@@ -12,6 +12,8 @@ use crate::paths::{CellPaths, MEMBERS_LOCK, OWNER_LOCK, SHARED_MEMORY};
 use crate::room;
 
 const SPARE_FILE: &str = "spare";
+/// How the name of a folder ends that its owner is removing.
+pub(crate) const GONE: &str = ".gone";
 pub(crate) const SPARE_BYTES: u64 = 128 << 10;
 
 /// The launcher's hold on its cell. Dropping it removes the cell's files if nobody of it lives any more.
@@ -150,7 +152,7 @@ impl Drop for Ownership {
         }
         // The folder goes at once, by its name, while both locks are held: whoever comes next finds none and makes a new one.
         let folder = self.place.folder();
-        let gone = folder.with_extension(format!("{}.gone", std::process::id()));
+        let gone = folder.with_extension(format!("{}{GONE}", std::process::id()));
         let _ = fs::rename(&folder, &gone).and_then(|()| fs::remove_dir_all(&gone));
     }
 }

@@ -234,6 +234,21 @@ fn a_segment_that_was_never_finished_goes_when_the_dead_are_cleaned_up_after() {
     drop(owned);
 }
 
+/// An owner renames its folder and then removes it: killed between the two, it leaves a folder of no cell's name.
+#[test]
+fn a_folder_that_its_owner_was_killed_over_removing_goes_with_the_next_start_of_any_cell() {
+    let left = format!(
+        "/dev/shm/quadrant-other-{}.4194304.gone",
+        std::process::id()
+    );
+    std::fs::create_dir(&left).expect("a folder");
+    for lock in ["owner.lock", "members.lock"] {
+        std::fs::write(format!("{left}/{lock}"), "").expect("a lock");
+    }
+    let _owned = place("left").own(Duration::ZERO).expect("the cell");
+    assert!(!std::path::Path::new(&left).exists());
+}
+
 /// Anybody may put something of a segment's name into /dev/shm.
 #[test]
 fn a_link_of_a_segments_name_is_refused_and_what_it_leads_to_stays_as_it_is() {

@@ -324,6 +324,7 @@ impl WindowPlanner {
         setpoints.clear();
         // Whoever rests has nothing ahead of it.
         let before = if from.is_at_rest() { &[] } else { before };
+        // Limits bind what leads, planned without smoothing; the tool follows it as the average over the trail.
         let lead = before.last().map_or(*from, |lead| lead.state);
         if !self.is_mapped(from.element) || !self.is_mapped(lead.element) {
             return Err(PlanError::NotAtHand);
@@ -337,6 +338,7 @@ impl WindowPlanner {
             [] => self.trail.rest_at(start.lead.along_mm),
             leads => self.trail.follow(leads),
         }
+        // Speeds over the path hold for an override: the envelope is made again only where that has changed.
         self.envelope.select(self.key(request));
         let limits = self.part.limits();
         let mut scans = Scans {
@@ -367,11 +369,13 @@ impl WindowPlanner {
                 break;
             }
         }
+        // Speeds beyond what is known are guesses: such a window is thrown away rather than handed on.
         if scans.traveller.ran_short() || self.envelope.ran_short() {
             setpoints.clear();
             return Err(PlanError::NotAtHand);
         }
         let intended_setpoints = setpoints.len() as u32;
+        // A window always ends at rest: if no other comes, the machine stops on the path.
         let before = setpoints.last().unwrap_or(&start).position_increments;
         let braking_setpoints_max = self.settings.braking_setpoints_max;
         let braked = scans.brake(braking_setpoints_max, before, setpoints);
@@ -538,6 +542,7 @@ impl Scans<'_> {
         self.tool.go_to(self.part, from.element);
         if self.tool.next_mm.is_some_and(|next_mm| next_mm <= along_mm) {
             let mut element = from.element;
+            // Elements without length begin where the next one does: the tool goes on to one that moves.
             for next in from.element.saturating_add(1)..=lead.element {
                 let begun = self
                     .part
@@ -589,6 +594,7 @@ impl Scans<'_> {
         let mut before = from_increments;
         let element = self.traveller.state.element;
         let setpoints_max = setpoints.len() + braking_setpoints_max as usize;
+        // The increments tell rest as well: drives must see a speed of zero at the end of the window.
         while setpoints.len() < setpoints_max {
             self.traveller.brake();
             if self.traveller.ran_short() {

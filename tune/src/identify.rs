@@ -219,6 +219,7 @@ pub fn mass_kg(recording: &Recording, lever: &Lever) -> f64 {
     let mut equations = NormalEquations::new(4);
     for i in signals.equations() {
         let speed_m_s = signals.motor_m_s[i];
+        // Near standstill friction is no step but follows the distance: such samples would bend the mass.
         if speed_m_s.abs() > 1e-3 {
             let row = [signals.motor_m_s2[i], speed_m_s.signum(), speed_m_s, 1.0];
             equations.add(&row, signals.force_n[i], 1.0);
@@ -230,6 +231,7 @@ pub fn mass_kg(recording: &Recording, lever: &Lever) -> f64 {
 /// Models of one axis from its recordings, the one to prefer first; another where the screw can be taken in another way. `steady` is the recording
 /// at constant speeds, among the others.
 pub fn models(recordings: &[Recording], steady: &Recording, lever: &Lever) -> Vec<Found> {
+    // Torque that is shown late mixes inertia with friction: it is brought into step before anything is fitted.
     let late = if recordings.is_empty() {
         delay::scans(std::slice::from_ref(steady), lever)
     } else {
@@ -280,6 +282,8 @@ fn aligned(recordings: &[Recording], lever: &Lever) -> Vec<Found> {
         .map(|recording| Signals::new(recording, lever))
         .collect();
     share_travel(&mut all);
+    // Inertia is absent at constant speeds: the curve of friction over speed and the cogging show there alone, so their shape comes
+    // first; the fits after it are linear.
     let Some(calm) = all.last() else {
         return Vec::new();
     };
@@ -313,6 +317,7 @@ fn aligned(recordings: &[Recording], lever: &Lever) -> Vec<Found> {
         };
         equation.fit()
     };
+    // Gap and stiffness follow from the torque where that is read well, and from the wind-up where the scale is: both are given.
     let screws = [
         Some(screw::by_torque(fit, &all, &rows)),
         screw::by_wind_up(fit, &all, &rows),
@@ -446,6 +451,7 @@ pub fn force_error(
         for (sum, left) in sums.iter_mut().zip(left) {
             *sum += left * left;
         }
+        // Samples close behind a reversal have full weight, all others less.
         if signals.weight[i] >= 1.0 {
             near[0] += left[0] * left[0];
             near[1] += left[1] * left[1];

@@ -279,6 +279,7 @@ impl<T: Clone, E> Compensation<T, E> {
     /// The turn to the tool's side since the tool last went forward.
     fn turned_rad(&self, last: &Last, tangent: Flat) -> f64 {
         let ends = Flat::of(&self.centre, self.plane);
+        // A line that runs back has not gone forward: its turn counts on, and tells how much of the contour is lost.
         let before_rad = if self.back_mm(last, ends) > ROUNDING_MM {
             last.turned_rad
         } else {
@@ -309,6 +310,7 @@ impl<T: Clone, E> Compensation<T, E> {
         strict: bool,
         out: &mut Vec<Step<T, E>>,
     ) -> Result<Flat, Refusal> {
+        // The last move is whole now: it ends beside the corner, and goes out before the arc round it.
         self.settle(last, Flat::of(&self.centre, self.plane), strict)?;
         self.release(None, out);
         let mut round = next.clone();
@@ -339,6 +341,7 @@ impl<T: Clone, E> Compensation<T, E> {
     fn line_meeting(&self, last: &Last, from: Flat, along: Flat) -> Option<Flat> {
         match last.way {
             Way::Line | Way::Rapid => {
+                // Two lines beside their contours meet on the bisector, radius · tan(half the turn) before the end of the first.
                 let half_rad = self.turn_rad(last, along) / 2.0;
                 let back_mm = self.radius_mm * libm::tan(half_rad);
                 Some(Flat::of(&self.centre, self.plane) - last.tangent * back_mm)
@@ -349,6 +352,7 @@ impl<T: Clone, E> Compensation<T, E> {
                 let radius_mm = (Flat::of(&self.centre, self.plane) - centre).length();
                 let point = from + self.beside(along) * self.radius_mm;
                 let [first, second] = line_meets_circle(point, along, centre, radius_mm)?;
+                // With the tool inside the arc, the line turns into its circle: they meet where it enters; else where it comes out.
                 Some(if self.inside(clockwise) {
                     first
                 } else {
@@ -370,6 +374,7 @@ impl<T: Clone, E> Compensation<T, E> {
             Way::Line | Way::Rapid => {
                 let beside = corner + self.beside(last.tangent) * self.radius_mm;
                 let [first, second] = line_meets_circle(beside, last.tangent, centre, radius_mm)?;
+                // From inside its circle the line meets the arc where it comes out; else where it enters.
                 Some(if self.inside(clockwise) {
                     second
                 } else {
@@ -383,6 +388,7 @@ impl<T: Clone, E> Compensation<T, E> {
             } => {
                 let before_mm = (Flat::of(&self.centre, self.plane) - before).length();
                 let [left, right] = circles_meet(before, before_mm, centre, radius_mm)?;
+                // The meetings mirror each other across the line between the centres: side and direction choose.
                 Some(if self.inside(before_clockwise) != clockwise {
                     left
                 } else {

@@ -69,6 +69,7 @@ impl Series {
         let mut before: Option<&Taken> = None;
         let steady = self.taken.iter().map(|taken| {
             let before = before.replace(taken);
+            // Speed within a gap is unknown: settling begins again behind it.
             if before.is_some_and(|before| self.has_gap(before, taken)) {
                 since = None;
             }
@@ -79,6 +80,7 @@ impl Series {
             taken.time_scans - *since.get_or_insert(taken.time_scans) >= settle_scans
         });
         let steady: Vec<bool> = steady.collect();
+        // An arc that ends before it settles is measured whole: with the swing of its run-in rather than not at all.
         if self.measured_rad(&steady) < STEADY_RAD_MIN {
             return vec![true; self.taken.len()];
         }
@@ -113,6 +115,7 @@ pub(super) fn measure(
         period_s,
     };
     let quadrants_along = judged.quadrants_along(first, last);
+    // The bumps stay out of the fit: they would pull the circle outwards and hide a part of their own height.
     let of_fit = judged.outside_windows(&quadrants_along);
     let table = judged.deviations(&of_fit, |taken| taken.table_mm);
     let motor = judged.deviations(&of_fit, |taken| taken.motor_mm);
@@ -164,6 +167,7 @@ impl Judged<'_> {
     fn quadrants_along(&self, first: &Taken, last: &Taken) -> Vec<(f64, usize)> {
         let low_rad = first.along_rad - self.window_rad.1;
         let high_rad = last.along_rad + self.window_rad.0;
+        // Where the axes are not those of the plane, kinematics has told their reversals; else one comes each quarter turn.
         let Some(of_a_turn) = &self.run.reversals else {
             let offset_rad = self.sign * self.run.start_angle_rad;
             let low = libm::ceil((low_rad + offset_rad) / FRAC_PI_2) as i64;
@@ -214,6 +218,7 @@ impl Judged<'_> {
         let fit = Fit::to_points(points, radius_mm);
         let none = (f64::NEG_INFINITY, f64::INFINITY);
         let (mut residual, mut programmed) = (none, none);
+        // The range is that of all steady samples: the bumps that the fit leaves out are what it is to show.
         for taken in self.steady_samples() {
             let [x, y] = of(taken);
             widen(&mut residual, fit.residual_mm([x, y], radius_mm) * 1e3);
@@ -254,6 +259,7 @@ impl Judged<'_> {
             }
             lowest = lowest.min(e);
         }
+        // The walk to half height goes outwards from the peak: another bump in the window does not widen this one.
         let half_um = highest.1 / 2.0;
         let below = |taken: &Taken| residual_um(taken) < half_um;
         let (rising, falling) = inside.split_at_checked(highest.0)?;
@@ -284,6 +290,7 @@ impl Judged<'_> {
         let most = TURNS_SHOWN * BINS_PER_TURN as usize * 2;
         let mut points: Vec<CurvePoint> = Vec::new();
         let mut measured = self.steady_samples().peekable();
+        // A bin shows its two extremes, in order of travel: a mean would cut the bumps that the plot is for.
         while let Some(first) = measured.next() {
             let point = |taken: &Taken| CurvePoint {
                 angle_rad: self.run.start_angle_rad + sign * taken.along_rad,
