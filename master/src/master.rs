@@ -440,7 +440,7 @@ impl<D: Drives> Master<D> {
         self.modes.mode()
     }
 
-    /// Where no window is in force.
+    /// Where no window is in force, second motors are where the first ones are.
     fn couple_gantries(&mut self) {
         if !self.windows.has_window() {
             self.gantries.couple(&mut self.axes);

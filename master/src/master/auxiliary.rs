@@ -100,7 +100,7 @@ impl AuxiliaryLatches {
     }
 
     /// Nothing of a path is in force any more. What turns and flows goes on.
-    pub fn leave_path(&mut self) {
+    fn leave_path(&mut self) {
         self.coupled = 0;
         self.surface = 0;
         self.override_disabled = 0;

@@ -74,12 +74,12 @@ impl AxisUnit {
         libm::round(mm / self.settings.increment_mm()) as i64
     }
 
-    pub fn motor_position(&self) -> i64 {
+    fn motor_position(&self) -> i64 {
         self.increments(self.drive.motor_position_mm)
             .saturating_add(self.offset)
     }
 
-    pub fn scale_position(&self) -> i64 {
+    fn scale_position(&self) -> i64 {
         self.drive.scale_position_mm.map_or_else(
             || self.motor_position(),
             |mm| self.increments(mm).saturating_add(self.offset),
@@ -187,7 +187,7 @@ impl AxisUnit {
         }
     }
 
-    pub fn brake(&self) -> DriveCommand {
+    fn brake(&self) -> DriveCommand {
         let asked = self.servos.command().stop_deceleration_mm_s2;
         let most = self.settings.quick_stop_mm_s2;
         DriveCommand::Brake {
@@ -262,12 +262,12 @@ impl AxisUnit {
         }
     }
 
-    /// Its fault, with a code where it has one; none for a sound axis.
+    /// Its fault; none for a sound axis.
     pub fn cause(&self) -> Cause {
         self.cause
     }
 
-    /// It has a fault, where it has none yet; whether it is this one.
+    /// It has this fault, where it has none yet; whether it had none.
     pub fn fail(&mut self, cause: Cause) -> bool {
         let is_first = self.cause == Cause::None;
         if is_first {
@@ -347,7 +347,7 @@ impl AxisUnit {
             .saturating_sub(self.feedback_position());
     }
 
-    /// Its loop is open, and the command position is at the encoder.
+    /// Its loop is open: the command position will follow the encoder.
     pub fn follow_encoder(&mut self) {
         self.deviation = 0;
     }

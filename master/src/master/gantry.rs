@@ -180,7 +180,7 @@ impl Gantries {
         }
     }
 
-    /// Out of the hand, and where no window is in force, the second motor is commanded to be where the first is: a difference that a jog,
+    /// Out of the hand the second motor is commanded to be where the first is: a difference that a jog,
     /// switched-off drives or a trip have left is made up for as soon as the loops are closed.
     pub fn couple(&self, axes: &mut Axes) {
         for Gantry { pair, .. } in &self.0 {

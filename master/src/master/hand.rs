@@ -154,7 +154,7 @@ impl Hand {
     }
 
     /// Where it is to end as far as is known, in increments.
-    pub fn target(&self) -> i64 {
+    fn target(&self) -> i64 {
         match self.wanted {
             Wanted::Aim(aim) => aim.goal.div_euclid(FINE),
             Wanted::Nothing | Wanted::Stop => self.course.target(),
@@ -182,7 +182,7 @@ impl Hand {
     }
 
     /// Whether the axis is moved by hand, or by its drive: not at rest in the hand.
-    pub fn moves(&self) -> bool {
+    fn moves(&self) -> bool {
         match self.driver {
             Driver::Program => false,
             Driver::Manual => self.motion != Motion::None,
@@ -249,7 +249,7 @@ impl Hand {
     }
 
     /// The motion comes to rest where it can.
-    pub fn stop(&mut self) {
+    fn stop(&mut self) {
         if self.is_on() && self.motion != Motion::None {
             self.motion = Motion::Stop;
             self.wanted = if self.course.rests() {

@@ -218,7 +218,7 @@ impl Modes {
         };
     }
 
-    /// A program begins, or goes on after drives were off: it waits anew for its end.
+    /// A program begins: the wait for its end begins with it.
     pub fn enable(&mut self) {
         self.mode = Mode::Enabled;
         self.waited_scans = 0;
@@ -330,8 +330,8 @@ impl Modes {
         self.rest_scans
     }
 
-    /// One scan at the programmed end, with the first axis that is not in position: finished once there is none, and true where one
-    /// never comes.
+    /// One scan at the programmed end, and whether an axis is not in position yet: finished once none is, and true where one never
+    /// comes.
     pub fn await_position(&mut self, out_of_position: bool) -> bool {
         self.waited_scans += 1;
         if !out_of_position {

@@ -111,7 +111,7 @@ impl<D: Drives> Master<D> {
     }
 
     /// Ends a trip: drives on, where the axes are. Without a program that was started there is nothing to hold.
-    pub(super) fn end_trip(&mut self, hold: bool) {
+    fn end_trip(&mut self, hold: bool) {
         self.leave_typed_blocks();
         if self.program.is_running() {
             self.modes.go_on(hold);

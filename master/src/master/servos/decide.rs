@@ -16,8 +16,8 @@ use crate::master::sane::Sane;
 pub struct Plan<'a> {
     /// The window in force.
     pub in_force: WindowId,
-    /// Where it has the axis in this scan, in increments; none where the servo alone knows: by hand, without a window, and where
-    /// it interpolates within the period.
+    /// Where it has the axis in this scan, in increments; none where the servo alone knows: where it
+    /// interpolates within the period.
     pub position: Option<i64>,
     /// Whether the loop is closed: an axis with an open one may change over freely.
     pub closed: bool,
