@@ -135,7 +135,7 @@ fn a_disk_that_is_full_to_the_end_is_no_success() {
 /// Runs a program under a limit of file sizes in kB; what it printed and how it ended.
 fn with_file_size(limit_kb: u32, program: &Path, out: &Path, cell: &str) -> Output {
     let script = format!(
-        "ulimit -f {limit_kb}; exec {} run machines/xy {} --pace lockstep --cell {cell} --out {}",
+        "ulimit -f {limit_kb}; exec {} run machines/xy {} --pace lockstep --log full --cell {cell} --out {}",
         env!("CARGO_BIN_EXE_quadrant"),
         program.display(),
         out.display()
@@ -156,7 +156,7 @@ fn a_limit_of_file_sizes_is_said_and_kills_nobody() {
     assert!(said.contains("ulimit -f"), "{said}");
 
     let program = folder.path().join("long.ngc");
-    // 50 s of motion, 48 MB.
+    // 50 s of motion, 58 MB.
     let turns = "G3 X25 Y0 I-25 J0 F3000\n".repeat(16);
     let moves = format!("G21 G17 G90 G94\nG0 X25 Y0\n{turns}M2\n");
     std::fs::write(&program, moves).expect("a file");

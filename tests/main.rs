@@ -34,6 +34,7 @@ mod learn_path;
 mod leftovers;
 mod linearizable;
 mod liveness;
+mod log_levels;
 mod long_programs;
 mod mdi;
 mod messages;

@@ -34,7 +34,13 @@ fn orders(bench: &Bench, list: &[(u64, &str, &str)]) -> String {
 
 fn run_with(bench: &Bench, program: &Path, list: &[(u64, &str, &str)]) -> Run {
     let file = orders(bench, list);
-    LiveCell::start_with(bench.path(), program, "lockstep", &["--orders", &file]).finish()
+    LiveCell::start_with(
+        bench.path(),
+        program,
+        "lockstep",
+        &["--orders", &file, "--log", "full"],
+    )
+    .finish()
 }
 
 const JOG: [(u64, &str, &str); 4] = [

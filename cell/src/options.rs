@@ -1,5 +1,6 @@
 //! What the processes of a cell take.
 
+use machine::LogLevel;
 use std::path::PathBuf;
 
 use bus::member::Pace;
@@ -162,9 +163,9 @@ pub struct RecorderOptions {
     /// Part program, for the log's metadata
     #[arg(long)]
     pub program: Option<PathBuf>,
-    /// Write no log
-    #[arg(long)]
-    pub no_log: bool,
+    /// What goes into the log
+    #[arg(long, default_value = "full")]
+    pub level: LogLevel,
 }
 
 impl PlannerOptions {

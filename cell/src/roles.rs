@@ -109,7 +109,7 @@ fn recorder(options: &RecorderOptions) -> Outcome {
         slot: options.slot.slot(),
         out: options.out.clone(),
         program: options.program.clone(),
-        records: !options.no_log,
+        level: options.level,
     })
     .environment()
 }

@@ -15,7 +15,7 @@ use bus::process::watch;
 use bus::sample::Job;
 use bus::service::{Bus, Created, ROLES, Services};
 use bus::signal_page::{CellPhase, SignalPage};
-use machine::{KeptFiles, Machine, Process};
+use machine::{KeptFiles, LogLevel, Machine, Process};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::{Signal, pidfd_send_signal};
 
@@ -90,8 +90,8 @@ pub struct Plan {
     pub program: Option<PathBuf>,
     /// Where the recorder writes.
     pub out: PathBuf,
-    /// Whether it writes every sample.
-    pub records: bool,
+    /// What it writes.
+    pub level: LogLevel,
     /// Pace.
     pub pace: Pace,
     /// Seconds a living process may take for one answer in lockstep.
@@ -120,7 +120,7 @@ impl Plan {
             plant_file: run_dir.plant.clone(),
             program: run_dir.program.clone(),
             out: run_dir.folder.clone(),
-            records: true,
+            level: LogLevel::default(),
             pace,
             answer_limit_s,
             orders: run_dir.orders.clone(),
@@ -139,11 +139,14 @@ pub fn roles(machine: &Machine, plan: &Plan) -> Vec<Role> {
     let mut recorder = Role::new(
         machine,
         Job::Monitor.into(),
-        &["recorder", "--out", &path(&plan.out)],
+        &[
+            "recorder",
+            "--out",
+            &path(&plan.out),
+            "--level",
+            &plan.level.to_string(),
+        ],
     );
-    if !plan.records {
-        recorder.add(&["--no-log"]);
-    }
     let (planner, subcommand) = match plan.wrong_samples {
         true => ("faulty-planner", "faulty-servo"),
         false => ("planner", "servo"),

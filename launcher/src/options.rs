@@ -4,6 +4,8 @@ use std::path::PathBuf;
 
 use bus::member::Pace;
 use clap::Args;
+use clap::builder::{PossibleValuesParser, TypedValueParser};
+use machine::{LogLevel, Machine};
 
 /// What every start of a cell takes.
 #[derive(Debug, Clone, Args)]
@@ -19,9 +21,10 @@ pub struct StartOptions {
     /// Name of the cell, when several share a PC [default: the machine's own name]
     #[arg(long, value_name = "NAME")]
     pub cell: Option<String>,
-    /// What is recorded: full, every sample and a report; events, what happened to the processes alone; off, neither (a report needs full)
-    #[arg(long, value_name = "WHAT", default_value = "full", value_parser = ["off", "events", "full"])]
-    pub log: String,
+    /// What is recorded: nothing; what happened to the processes; every axis, and a report; also windows and instruments; every
+    /// sample whole, with the servos' states [default: control, or what the machine file says]
+    #[arg(long, value_name = "LEVEL", value_parser = levels())]
+    pub log: Option<LogLevel>,
     /// Go without what earlier runs have learned
     #[arg(long)]
     pub no_learned: bool,
@@ -30,10 +33,19 @@ pub struct StartOptions {
     pub answer_limit: u64,
 }
 
+fn levels() -> impl TypedValueParser<Value = LogLevel> {
+    PossibleValuesParser::new(LogLevel::ALL.map(|(_, name)| name)).try_map(|name| name.parse())
+}
+
 impl StartOptions {
     /// The pace it names.
     pub fn pace(&self) -> Pace {
         self.pace.parse().unwrap_or(Pace::Lockstep)
+    }
+
+    /// What is recorded of this machine.
+    pub fn level(&self, machine: &Machine) -> LogLevel {
+        self.log.unwrap_or(machine.log.level)
     }
 }
 

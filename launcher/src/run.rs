@@ -7,7 +7,7 @@ use anyhow::{anyhow, bail};
 use bus::cell::{CellError, CellPaths, Ownership};
 use bus::member::Pace;
 use bus::sample::Mode;
-use machine::{Machine, machine_file};
+use machine::{LogLevel, Machine, machine_file};
 use plant_sim::script::faults::{self, Fault, FaultScript};
 use plant_sim::script::orders;
 
@@ -28,11 +28,6 @@ use console::{exit, logs};
 
 /// Members of a dead launcher get so long to stop on the path and leave.
 const MEMBERS_PATIENCE: Duration = Duration::from_secs(10);
-
-/// Of `--log`: every sample.
-pub const FULL: &str = "full";
-/// Of `--log`: nothing.
-pub const OFF: &str = "off";
 
 /// A process that has ended holds its lock for a moment.
 const CLEAN_PATIENCE: Duration = Duration::from_millis(500);
@@ -98,10 +93,11 @@ pub fn run(
     if let Some(desk) = desk.filter(|_| options.start.pace() == Pace::Realtime) {
         (desk.say_what_realtime_lacks)();
     }
+    let level = options.start.level(&checked.machine);
     let sends = |script: &FaultScript| script.faults.iter().any(|f| f.action.is_of_samples());
     let plan = Plan {
         wrong_samples: faults.as_ref().is_some_and(sends),
-        records: options.start.log == FULL,
+        level,
         fault_blocks: fault_blocks.unwrap_or_default(),
         single_block: options.single_block,
         start_line: options.from_line,
@@ -110,7 +106,7 @@ pub fn run(
     let started = origin::note(&place, &machine_path).environment();
     let started = started.and_then(|()| start(cell, &checked.machine, &plan, &signals));
     let mut group = started.inspect_err(|_| run_dir.discard())?;
-    let mut events = make_events(&run_dir, &options.start.log)?;
+    let mut events = make_events(&run_dir, level)?;
     note_started(&group, &mut events);
     let in_terminal = observers.iter().any(Observer::is_in_terminal);
     let watch = Watch::new(&group, &checked.machine, !in_terminal).environment()?;
@@ -126,7 +122,7 @@ pub fn run(
     };
     let ending = supervise(&mut group, subject, watch, &signals, &mut events);
     drop(group);
-    let made = (options.start.log == FULL && desk.is_some()).then(|| desk::report(&run_dir.folder));
+    let made = (level.has_samples() && desk.is_some()).then(|| desk::report(&run_dir.folder));
     conclude(ending, made, &run_dir.folder)?;
     Ok(Completed {
         folder: run_dir.folder,
@@ -139,9 +135,9 @@ pub fn run(
 ///
 /// # Errors
 /// They cannot be written.
-pub fn make_events(run_dir: &RunDir, log: &str) -> Result<Events, Failure> {
-    match log {
-        OFF => Events::nowhere().environment(),
+pub fn make_events(run_dir: &RunDir, level: LogLevel) -> Result<Events, Failure> {
+    match level {
+        LogLevel::Off => Events::nowhere().environment(),
         _ => Events::create(&run_dir.folder).environment(),
     }
 }
@@ -196,7 +192,11 @@ fn make_run_dir(
     let machine = &checked.machine;
     let default = || default_folder(&machine.name, &options.program);
     let folder = options.start.out.clone().unwrap_or_else(default);
-    let seconds = || checked.seconds().filter(|_| options.start.log == FULL);
+    let seconds = || {
+        checked
+            .seconds()
+            .filter(|_| options.start.level(machine).has_samples())
+    };
     disk_room::check(&folder, machine, seconds).environment()?;
     let program = checked.program.as_ref().filter(|_| options.learn);
     let program = program.map(|program| format!("{:016x}", program.source_hash));

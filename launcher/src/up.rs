@@ -14,7 +14,7 @@ use crate::group::{Death, Plan};
 use crate::observers::Observers;
 use crate::options::{StartOptions, UpOptions};
 use crate::retention::Retention;
-use crate::run::{FULL, make_checked, make_events, note_started, own, start};
+use crate::run::{make_checked, make_events, note_started, own, start};
 use crate::run_dir::{RunDir, Sources, dated_folder};
 use crate::session::Session;
 use crate::supervise::{Ending, Subject, Watch, supervise};
@@ -48,15 +48,16 @@ pub fn up(UpOptions { start: options }: &UpOptions, desk: Option<Desk<'_>>) -> O
     if let Some(desk) = desk.filter(|_| options.pace() == Pace::Realtime) {
         (desk.say_what_realtime_lacks)();
     }
-    let records = options.log == FULL;
+    let level = options.level(&checked.machine);
+    let records = level.has_samples();
     let plan = Plan {
-        records,
+        level,
         ..Plan::of(&run_dir, options.pace(), options.answer_limit)
     };
     let started = origin::note(&place, &machine_path).environment();
     let started = started.and_then(|()| start(cell, &checked.machine, &plan, &signals));
     let mut group = started.inspect_err(|_| run_dir.discard())?;
-    let mut events = make_events(&run_dir, &options.log)?;
+    let mut events = make_events(&run_dir, level)?;
     if records {
         let shown = std::path::absolute(&run_dir.folder).environment()?;
         std::fs::write(place.runs_file(), shown.as_os_str().as_encoded_bytes()).environment()?;

@@ -58,7 +58,7 @@ pub use kept::{KeptTexts, OFFSETS_FILE, TOOLS_FILE, keep_tool, update_offsets, u
 pub use kept_files::KeptFiles;
 pub use kinematics::{Carries, Kinematics, KinematicsKind};
 pub use load::{copy_named_files, machine_file, schema, snapshot, with_kept};
-pub use log_keeping::LogKeeping;
+pub use log_keeping::{LogKeeping, LogLevel};
 pub use loops::{FeedForward, PREDICTION_M_MIN, PositionLoop, Prediction, VelocityLoop};
 pub use machine::{DEAD_TIME_SCANS_MAX, Machine, ProgramSettings, Scan};
 pub use manual::{Increment, Manual};

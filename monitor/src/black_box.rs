@@ -28,6 +28,8 @@ use ring::Ring;
 pub const BLACK_BOX_PREFIX: &str = "black-box-";
 /// Scans that are taken out of the ring in one scan while a box is open, and with it the most that saving adds to a scan.
 const SCANS_PER_SCAN: usize = 4;
+/// Scans before and after the cause of a box that have the whole state of every servo; a servo goes on from any of them to the bit.
+const WHOLE_SCANS: u64 = 100;
 /// A program longer than this is not in the boxes, in bytes.
 const FILE_BYTES_MAX: usize = 8 << 20;
 
@@ -390,7 +392,8 @@ fn begin(
         }
         path = directory.join(format!("{name}-{number}.mcap"));
     }
-    let recorder = Recorder::create_new(&path, machine, info)?;
+    let whole = scan.saturating_sub(WHOLE_SCANS)..=scan.saturating_add(WHOLE_SCANS);
+    let recorder = Recorder::create_new(&path, machine, info, whole)?;
     Ok((path, recorder))
 }
 

@@ -2,7 +2,7 @@
 //!
 //! Each channel has one writer and its own order, and what happens between two channels of one scan is chance. So
 //! every channel is hashed for itself (XXH3, 128 bits, over the message bytes in order) and the channels are put
-//! together in the order of their names. Derived channels (`/axis/…`), `/event` and `/bus_cycle` are left out: the first say
+//! together in the order of their names. Derived channels (`/axis/…`, `/servo_state/…`), `/event` and `/bus_cycle` are left out: the first say
 //! nothing new, the second speaks to people, and what a wire does (times, damaged frames) is chance.
 
 use std::collections::BTreeMap;
@@ -27,7 +27,10 @@ impl ChannelHash {
 
 /// Whether a channel counts in the digest.
 pub fn counts(topic: &str) -> bool {
-    !topic.starts_with("/axis/") && topic != "/event" && topic != "/bus_cycle"
+    let derived = ["/axis/", "/servo_state/"];
+    !derived.iter().any(|prefix| topic.starts_with(prefix))
+        && topic != "/event"
+        && topic != "/bus_cycle"
 }
 
 /// The digest over all channels, as 32 hexadecimal digits.

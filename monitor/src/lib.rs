@@ -14,6 +14,7 @@ mod logbook;
 pub mod losses;
 mod options;
 pub mod quantities;
+pub mod room;
 mod run;
 pub mod said;
 mod sinks;

@@ -12,9 +12,11 @@
 mod attached;
 mod behind;
 pub(crate) mod codec;
+mod columns;
 mod derived;
 mod error;
 mod feed;
+mod group;
 pub(crate) mod layout;
 mod parts;
 #[cfg(test)]

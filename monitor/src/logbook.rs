@@ -6,10 +6,10 @@ use std::time::Instant;
 
 use bus::cell::CellPaths;
 use bus::sample::{Auxiliaries, Feedback, ProgramState};
-use machine::{KeptTexts, Machine, with_kept};
+use machine::{KeptTexts, LogLevel, Machine, with_kept};
 
 use crate::black_box::Home;
-use crate::log::{BEGINS_AT, LogError, Recorder, RunEnd, RunInfo};
+use crate::log::{BEGINS_AT, Event, LogError, Recorder, RunEnd, RunInfo, SampleRef};
 use crate::options::{MonitorError, Options};
 use crate::said::SaidFile;
 
@@ -31,6 +31,8 @@ pub struct Logbook {
     options: Options,
     machine: Machine,
     open: Option<Open>,
+    /// The most that goes into a log.
+    held_to: LogLevel,
     /// Where black boxes go, until it has been asked for.
     new_home: Option<Home>,
 }
@@ -56,10 +58,11 @@ impl Logbook {
             options: options.clone(),
             machine: machine.clone(),
             open: None,
+            held_to: LogLevel::Full,
             new_home: None,
         };
         match &options.program {
-            Some(program) if !options.records => {
+            Some(program) if !options.level.has_samples() => {
                 let machine = options.out.join(MACHINE_FILE);
                 logbook.new_home = Some(Home {
                     directory: options.out.clone(),
@@ -75,7 +78,7 @@ impl Logbook {
     /// Before this feedback is recorded: ends the log of a program that is over and begins that of one that was started.
     /// Whether one was started.
     pub fn turn(&mut self, feedback: &Feedback, failed: u64) -> Result<bool, MonitorError> {
-        if self.options.program.is_none() && self.options.records {
+        if self.options.program.is_none() && self.options.level.has_samples() {
             let started = feedback.program == ProgramState::Running as u32;
             let run = started.then_some(feedback.run);
             if self.open.as_ref().map(|open| open.run) != run {
@@ -130,6 +133,20 @@ impl Logbook {
         self.log().map_or(Ok(()), write)
     }
 
+    /// From now on no more than this level goes into logs, for this reason.
+    pub fn hold_to(&mut self, level: LogLevel, why: &str) -> Result<(), LogError> {
+        self.held_to = level;
+        self.record(|log| {
+            log.hold_to(level);
+            let event = Event {
+                scan: log.newest_scan(),
+                process: "monitor".into(),
+                text: why.into(),
+            };
+            log.record(SampleRef::Event(&event))
+        })
+    }
+
     /// Ends the log that is open, if one is.
     pub fn close(&mut self, reason: Option<String>, failed: u64) -> Result<(), MonitorError> {
         let Some(open) = self.open.take() else {
@@ -139,6 +156,7 @@ impl Logbook {
             wall_s: open.started.map_or(0.0, |at| at.elapsed().as_secs_f64()),
             queue_losses: failed - open.failed_before,
             reason,
+            ..RunEnd::default()
         })?;
         tracing::debug!(digest, "recorded");
         Ok(())
@@ -194,10 +212,13 @@ impl Logbook {
         }
         let said = CellPaths::new(&self.options.slot.cell).ok();
         let said = said.and_then(|cell| SaidFile::open(folder, &cell).ok());
+        let level = self.options.level;
+        let mut recorder = Recorder::create_part(folder, &self.machine, &info, level)?;
+        recorder.hold_to(self.held_to);
         self.open = Some(Open {
             run,
             said,
-            recorder: Recorder::create_part(folder, &self.machine, &info)?,
+            recorder,
             started: None,
             failed_before: failed,
         });

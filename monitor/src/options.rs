@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use bus::member::{MemberError, Slot};
+use machine::LogLevel;
 use machine::settings_file::SettingsFileError;
 
 use crate::log::LogError;
@@ -16,8 +17,8 @@ pub struct Options {
     pub out: PathBuf,
     /// Part program, already copied into the run directory; none in a cell that stays up.
     pub program: Option<PathBuf>,
-    /// Whether it writes a log: a cell of which nothing is kept has a recorder all the same, for the black box.
-    pub records: bool,
+    /// What it records: a cell of which no samples are kept has a recorder all the same, for the black box.
+    pub level: LogLevel,
 }
 
 /// Why the recorder ended before its run did.

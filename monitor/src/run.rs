@@ -15,6 +15,7 @@ use crate::log::{Recorder, SampleRef};
 use crate::logbook::Logbook;
 use crate::losses::Losses;
 use crate::options::{MonitorError, Options};
+use crate::room::Room;
 use crate::sinks::Sinks;
 
 /// Scans recorded between two words to the master about it.
@@ -111,7 +112,9 @@ pub fn run(options: &Options) -> Result<(), MonitorError> {
     let mut logbook = Logbook::new(options, &machine)?;
     let black_box = BlackBox::new(Settings::default(), &machine, logbook.new_home());
     let mut sinks = Sinks { logbook, black_box };
-    let mut losses = Losses::of(&CellPaths::new(&options.slot.cell).map_err(MemberError::Cell)?);
+    let place = CellPaths::new(&options.slot.cell).map_err(MemberError::Cell)?;
+    let mut losses = Losses::of(&place);
+    let mut room = Room::of(&options.out, &place);
     // Scans up to this one are none of a recorder's that comes later.
     let after = options.slot.after_scan;
     member.ready(Priority::Ordinary);
@@ -138,6 +141,10 @@ pub fn run(options: &Options) -> Result<(), MonitorError> {
             }
         }
         losses.tell(ports.failed());
+        if let Some((level, says)) = room.look() {
+            tracing::warn!("{says}");
+            sinks.logbook.hold_to(level, &says)?;
+        }
         if ended || member.ending() {
             break;
         }

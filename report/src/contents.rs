@@ -612,13 +612,25 @@ fn foot(report: &Report) -> Section {
     });
     let processes: Vec<String> = processes.collect();
     let windows = vec![
-        Fact::count("published", report.windows),
+        Fact::new(
+            "published",
+            report.windows.map(|windows| windows as f64),
+            "",
+            0,
+        ),
         Fact::count("voided", report.windows_voided),
     ];
     let log = vec![
         Fact::count("overrun scans", report.overrun_scans).key("overrun_scans"),
         Fact::count("samples lost", report.samples_lost).key("samples_lost"),
     ];
+    let recorded = match report.log.level.as_str() {
+        "full" => "every sample",
+        "axes" => {
+            "level axes: the table is not in it, so contour, arcs and windows are not measured (--log control)"
+        }
+        _ => "every scan, whole servo states (--log full) aside",
+    };
     let mut blocks = Vec::new();
     if !processes.is_empty() {
         blocks.push(Block::Text(format!("Processes: {}", processes.join(", "))));
@@ -626,14 +638,17 @@ fn foot(report: &Report) -> Section {
     blocks.extend([
         Block::Facts("Windows", windows),
         Block::Facts("Log", log),
-        Block::Text(format!("Digest        {}", report.digest)),
+        Block::Text(format!(
+            "Digest        {}",
+            report.digest.as_deref().unwrap_or("–")
+        )),
         Block::Text(format!(
             "Motion digest {}",
             report.motion_digest.as_deref().unwrap_or("–")
         )),
         Block::Text(format!(
-            "Quadrant {}. All numbers stand in report.json; every sample in run.mcap.",
-            report.quadrant
+            "Quadrant {}. All numbers stand in report.json; run.mcap has {}.",
+            report.quadrant, recorded
         )),
     ]);
     section("Processes and log", blocks)

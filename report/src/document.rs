@@ -72,7 +72,7 @@ pub(super) struct Value {
 
 /// As it is in a table whose head names the unit; a dash where it is not known.
 pub(super) fn digits(number: Option<f64>, decimals: usize) -> String {
-    let Some(number) = number else {
+    let Some(number) = number.filter(|number| !number.is_nan()) else {
         return "–".into();
     };
     let digits = format!("{number:.decimals$}");

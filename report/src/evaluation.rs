@@ -2,7 +2,7 @@
 
 use std::path::{Path as FilePath, PathBuf};
 
-use machine::{AxisKind, Machine};
+use machine::{AxisKind, LogLevel, Machine};
 use path::geometry::Path;
 use program::{Along, Answer, Note, ResumeError, Setup};
 use serde_json::Value;
@@ -36,7 +36,7 @@ pub struct Evaluation {
     /// What was known when it ended; none if the recorder was killed.
     pub end: Option<RunEnd>,
     /// Digest of everything in the log.
-    pub digest: String,
+    pub digest: Option<String>,
     /// The parts of the log, in order.
     pub parts: Vec<Part>,
     /// What the launcher saw of the end; none if it did not see it, or noted it elsewhere.
@@ -131,6 +131,9 @@ fn evaluate_knowing(
     };
     let mut analysis = Analysis::new(machine.clone(), path);
     analysis.begins_at(reader.info().begins_at());
+    if reader.info().level() < LogLevel::Control {
+        analysis.without_instruments();
+    }
     // Deaths are known before their scans are measured, so that nothing of their consequences is missed.
     for roster in &prescan.rosters {
         analysis.take(Sample::Roster(Box::new(*roster)));
@@ -142,11 +145,15 @@ fn evaluate_knowing(
             analysis.take(sample);
         }
     }
+    let end = reader.end();
+    let mut measurements = analysis.finish();
+    let noted = end.as_ref().and_then(|end| end.motion_digest.clone());
+    measurements.motion_digest = measurements.motion_digest.or(noted);
     let evaluation = Evaluation {
         run_dir: run_dir.into(),
-        measurements: analysis.finish(),
+        measurements,
         info: reader.info().clone(),
-        end: reader.end(),
+        end,
         digest: reader.digest(),
         parts: reader.parts().to_vec(),
         ended: ended(run_dir),

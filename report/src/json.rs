@@ -20,6 +20,7 @@ use crate::measure::faults::{FaultResult, ProcessResult};
 use crate::measure::fit::FitKind;
 use crate::measure::outcome::StopReason;
 use crate::measure::reversal::ReversalResult;
+use machine::LogLevel;
 use monitor::said::Line;
 
 /// The whole report.
@@ -46,15 +47,15 @@ pub struct Report {
     /// Machine time over wall time.
     pub real_time_factor: Option<f64>,
     /// Over everything recorded.
-    pub digest: String,
+    pub digest: Option<String>,
     /// Kept by the master; null without instruments.
     pub motion_digest: Option<String>,
     /// Samples missing in the log: feedbacks, instruments, commands and, between parts, windows.
     pub samples_lost: u64,
     /// Scans skipped because the master itself was late.
     pub overrun_scans: u32,
-    /// Windows the planner published.
-    pub windows: u64,
+    /// Windows the planner published; null where they are not recorded.
+    pub windows: Option<u64>,
     /// Windows that were voided.
     pub windows_voided: u64,
     /// The log itself.
@@ -149,6 +150,8 @@ pub struct PartReport {
 /// The log.
 #[derive(Debug, Clone, Serialize)]
 pub struct LogReport {
+    /// What was recorded. At `axes` nothing of the table, so no error of the contour, no arcs, and no windows.
+    pub level: String,
     /// Why it ends early; null if it is whole.
     pub cut: Option<String>,
     /// Samples the recorder's queues lost, as the recorder counted.
@@ -225,7 +228,7 @@ impl Report {
         let machine_s = measurements.scans as f64 * measurements.scan_period_s;
         let (ball_bar, one_way_circles) = ball_bars(evaluation);
         let queue_losses = end.as_ref().map_or(0, |end| end.queue_losses);
-        Report {
+        let report = Report {
             quadrant: info.quadrant.clone(),
             machine: machine.name.clone(),
             program: info.program.clone(),
@@ -242,9 +245,10 @@ impl Report {
             motion_digest: measurements.motion_digest.clone(),
             samples_lost: samples_lost(evaluation).max(queue_losses),
             overrun_scans: measurements.overrun_scans,
-            windows: measurements.windows + evaluation.windows_lost,
+            windows: Some(measurements.windows + evaluation.windows_lost),
             windows_voided: measurements.windows_voided,
             log: LogReport {
+                level: info.level().to_string(),
                 cut: evaluation.cut.clone(),
                 queue_losses,
                 program_matches: evaluation.program_matches,
@@ -280,7 +284,31 @@ impl Report {
             messages: evaluation.said.lines.clone(),
             messages_more: evaluation.said.more,
             messages_dropped: evaluation.said.dropped,
+        };
+        match info.level() {
+            LogLevel::Axes => report.without_instruments(),
+            _ => report,
         }
+    }
+
+    /// What could not be measured is no number, rather than none of it.
+    fn without_instruments(self) -> Report {
+        let not_measured = PeakRms {
+            peak: f64::NAN,
+            rms: f64::NAN,
+        };
+        let mut report = Report {
+            windows: None,
+            contour_error_um: not_measured,
+            ..self
+        };
+        for block in &mut report.blocks {
+            block.contour_error_um_peak = f64::NAN;
+        }
+        for fault in &mut report.faults {
+            fault.contour_error_mm = f64::NAN;
+        }
+        report
     }
 
     /// The text of `report.json`.

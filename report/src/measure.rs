@@ -125,6 +125,7 @@ pub struct Analysis {
     backlash_mm: AxisVector,
     /// Axes whose command of the scan before is in the stream.
     commanded: [bool; MAX_AXES],
+    has_instruments: bool,
     /// Whether the stream has the instruments of the scan before.
     instrumented: bool,
     /// What the stream has of scans whose feedback is missing, since the last feedback: instruments, commands of each axis.
@@ -168,6 +169,7 @@ impl Analysis {
             auxiliary: AuxiliaryMeter::default(),
             backlash_mm: AxisVector::zeros(),
             commanded: [false; MAX_AXES],
+            has_instruments: true,
             instrumented: false,
             orphans: (0, [0; MAX_AXES]),
             backlash_scan: None,
@@ -186,6 +188,11 @@ impl Analysis {
             path,
             kinematics,
         }
+    }
+
+    /// Says that the stream has no instruments: none are missing.
+    pub fn without_instruments(&mut self) {
+        self.has_instruments = false;
     }
 
     /// Says in which scan the run began: in a cell that stays up, what was before is none of it.
@@ -268,10 +275,15 @@ impl Analysis {
     /// One scan, all channels.
     fn scan(&mut self, set: &ScanSet) {
         if let Some(instruments) = &set.instruments {
-            self.motion_digest = Some(
-                u128::from(instruments.motion_digest_high) << 64
-                    | u128::from(instruments.motion_digest_low),
-            );
+            let halves = [
+                instruments.motion_digest_high,
+                instruments.motion_digest_low,
+            ];
+            let digest = u128::from(halves[0]) << 64 | u128::from(halves[1]);
+            // Zero is in a log that has not all of a sample: its recorder has noted the digest.
+            self.motion_digest = Some(digest)
+                .filter(|digest| *digest != 0)
+                .or(self.motion_digest);
         }
         let Some(feedback) = set.feedback.as_deref() else {
             self.orphans.0 += u64::from(set.instruments.is_some());
@@ -496,12 +508,15 @@ impl Analysis {
             // A master that was restarted goes on at a later scan: nobody knows which there were.
             return;
         }
-        self.samples_lost += u64::from(!instrumented);
+        self.samples_lost += u64::from(!instrumented && self.has_instruments);
         let missing = feedback.scan.saturating_sub(last.scan + 1);
         if missing > 0 && self.missing_scans.len() < GAPS_MAX {
             self.missing_scans.push((last.scan + 1, feedback.scan - 1));
         }
-        self.samples_lost += missing + missing.saturating_sub(orphan_instruments);
+        self.samples_lost += missing;
+        if self.has_instruments {
+            self.samples_lost += missing.saturating_sub(orphan_instruments);
+        }
         let known = self.commanded.into_iter().zip(orphan_commands);
         let axes = feedback.axes().iter().zip(last.axes());
         for ((axis, before), (commanded, orphans)) in axes.zip(known) {

@@ -235,11 +235,12 @@ impl Look<'_> {
                 let Some(content) = content.filter(|_| self.wants(header.channel_id)) else {
                     return Some(());
                 };
-                let sample = self.reader.sample(content, &data)?;
-                if let Sample::Feedback(feedback) = &sample {
-                    self.started |= !feedback.window.is_none();
+                for sample in self.reader.samples(content, &data)? {
+                    if let Sample::Feedback(feedback) = &sample {
+                        self.started |= !feedback.window.is_none();
+                    }
+                    take(sample);
                 }
-                take(sample);
             }
             _ => {}
         }

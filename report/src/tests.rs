@@ -1,5 +1,6 @@
 //! From a log to the files of a report, and again.
 
+use machine::LogLevel;
 use std::path::Path;
 
 use path::geometry::AxisVector;
@@ -67,7 +68,7 @@ pub(super) fn run_directory_of(
         program: "circle.ngc".into(),
         ..RunInfo::default()
     };
-    let mut recorder = Recorder::create_part(dir, &machine, &info).unwrap();
+    let mut recorder = Recorder::create_part(dir, &machine, &info, LogLevel::Full).unwrap();
     for sample in run.samples() {
         let scan = match &sample {
             Sample::Feedback(sample) => sample.scan,
@@ -76,7 +77,7 @@ pub(super) fn run_directory_of(
             _ => 0,
         };
         if gaps.next_if(|gap| scan >= gap.end).is_some() {
-            let next = Recorder::create_part(dir, &machine, &info).unwrap();
+            let next = Recorder::create_part(dir, &machine, &info, LogLevel::Full).unwrap();
             let mut killed = std::mem::replace(&mut recorder, next);
             killed.flush().unwrap();
             std::mem::forget(killed);
@@ -541,7 +542,7 @@ fn a_death_reported_behind_the_damage_of_a_log_is_not_reported() {
         program: "circle.ngc".into(),
         ..RunInfo::default()
     };
-    let mut recorder = Recorder::create_part(dir.path(), &machine, &info).unwrap();
+    let mut recorder = Recorder::create_part(dir.path(), &machine, &info, LogLevel::Full).unwrap();
     let log = dir.path().join(LOG_FILE);
     let mut half = 0;
     for scan in 0..2000 {

@@ -99,20 +99,31 @@ class Log:
         return topic, record.log_time, decode(record.data)
 
 
+def column(sample, name):
+    """A number of every row of a message: told for each, once for all, or as a first value and a step."""
+    told, rows = getattr(sample, name), sample.rows
+    if len(told) == rows:
+        return told
+    first, step = told[0], told[1] if len(told) == 2 else 0
+    return [first + step * row for row in range(rows)]
+
+
 def measure(log):
     """The numbers of report.json, from the samples alone."""
     scans, modes, errors = set(), {}, {}
     row_peak_um = {}
     for topic, _, sample in log.samples():
         if topic == "/feedback":
-            scans.add(sample.scan)
-            modes[sample.scan] = sample.mode
+            of_message = column(sample, "scan")
+            scans.update(of_message)
+            modes.update(zip(of_message, column(sample, "mode")))
         elif topic.startswith("/command/") and not topic.endswith("/b"):
-            errors.setdefault(topic.rsplit("/", 1)[1], {})[sample.scan] = sample.following_error_mm
+            of_message = zip(column(sample, "scan"), column(sample, "following_error_mm"))
+            errors.setdefault(topic.rsplit("/", 1)[1], {}).update(of_message)
         elif topic.startswith("/axis/"):
             axis = topic.rsplit("/", 1)[1]
-            if math.isfinite(sample.following_error_um):
-                row_peak_um[axis] = max(row_peak_um.get(axis, 0.0), abs(sample.following_error_um))
+            rows = [abs(e) for e in column(sample, "following_error_um") if math.isfinite(e)]
+            row_peak_um[axis] = max([row_peak_um.get(axis, 0.0), *rows])
     axes = {}
     for axis, of_axis in errors.items():
         counted = [abs(e) * 1e3 for scan, e in of_axis.items() if modes.get(scan, DISABLED) != DISABLED]
@@ -143,17 +154,17 @@ def check_summary(log):
         if summary.statistics.chunk_count != len(summary.chunk_indexes):
             log.complain("not every chunk is in the index")
         last = summary.statistics.message_end_time
-        found = sum(1 for _ in reader.iter_messages(topics=["/feedback"], starting_at=last - 100_000_000))
+        found = sum(1 for _ in reader.iter_messages(topics=["/feedback"], starting_at=last - 1_000_000_000))
         if found == 0:
-            log.complain("the index finds no feedback in the last 100 ms")
+            log.complain("the index finds no feedback in the last second")
 
 
 def units(log):
     """Fields of the rows for people must say their unit."""
     for schema in log.schemas.values():
-        if not schema.name.endswith("/AxisRow"):
+        if not schema.name.endswith("/AxisRowColumns"):
             continue
-        for line in schema.data.decode().splitlines():
+        for line in schema.data.decode().splitlines()[1:]:
             name = line.split()[1]
             if not name.endswith(UNITS):
                 log.complain(f"{schema.name}.{name} does not say its unit")

@@ -87,22 +87,24 @@ impl Bench {
                 self.roster(Some(died));
             }
             let mut instruments = Instruments::zeroed();
-            instruments.scan = scan;
+            (instruments.scan, instruments.visible_from) = (scan, scan);
             instruments.table_mm[1][2] = scan as f64;
             self.black_box.take(SampleRef::Instruments(&instruments));
             self.fed.push(Sample::Instruments(Box::new(instruments)));
             for axis in 0..2 {
                 let mut command = AxisCommand::zeroed();
-                command.scan = scan;
+                (command.scan, command.visible_from) = (scan, scan);
                 command.axis = axis;
                 command.state[31] = scan;
                 self.black_box
                     .take(SampleRef::Command(axis as usize, &command));
+                // Whole states have a channel of their own.
+                command.state[31] = 0;
                 self.fed.push(Sample::Command(Box::new(command)));
             }
             if scan.is_multiple_of(8) {
                 let mut planner = PlannerStatus::zeroed();
-                planner.scan = scan;
+                (planner.scan, planner.visible_from) = (scan, scan);
                 self.black_box.take(SampleRef::Planner(&planner));
                 self.fed.push(Sample::Planner(planner));
                 let mut header = WindowHeader::zeroed();
@@ -112,6 +114,7 @@ impl Bench {
                     incarnation: 1,
                 };
                 (header.intended_setpoints, header.setpoint_count) = (3, 5);
+                header.visible_from = scan;
                 let mut setpoints = vec![Setpoint::zeroed(); 5];
                 setpoints[4].position[0] = scan as i64;
                 self.black_box.take(SampleRef::window(&header, &setpoints));

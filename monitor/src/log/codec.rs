@@ -7,6 +7,7 @@ use bus::sample::{
     Setpoint, WindowHeader,
 };
 use bytemuck::{Pod, Zeroable};
+use machine::LogLevel;
 
 use super::layout::{Extent, Layout, Wire};
 use super::run_info::Event;
@@ -14,6 +15,15 @@ use super::sample::{LoggedWindow, Sample, SampleRef};
 
 /// What a message begins with: CDR, little-endian (XCDR1, OMG DDSI-RTPS 2.5 §10.2).
 pub(crate) const ENCAPSULATION: [u8; 4] = [0, 1, 0, 0];
+
+/// Fields that only a log of whole samples has: a servo's own memory, and what says that a sample in shared memory is whole.
+const WHOLE_ONLY: [&str; 5] = [
+    "checksum",
+    "motion_digest_high",
+    "motion_digest_low",
+    "reserved",
+    "state",
+];
 
 /// What a message carries.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -84,6 +94,8 @@ impl Content {
 
 /// The layouts of all samples of one machine.
 pub(crate) struct Codec {
+    /// Whether samples are whole.
+    pub(crate) is_whole: bool,
     pub(crate) feedback: Layout,
     pub(crate) instruments: Layout,
     pub(crate) bus_cycle: Layout,
@@ -98,17 +110,40 @@ impl Codec {
     /// What stands before the setpoints of a window, its header excepted, in bytes.
     pub(crate) const WINDOW_HEAD_BYTES: usize = 8 + 4 + 4;
 
+    /// Of whole samples.
     pub(crate) fn of(extent: &Extent) -> Codec {
+        Self::of_level(extent, LogLevel::Full)
+    }
+
+    /// Of samples as a log of this level has them.
+    pub(crate) fn of_level(extent: &Extent, level: LogLevel) -> Codec {
+        let left_out: &[&str] = match level {
+            LogLevel::Full => &[],
+            _ => &WHOLE_ONLY,
+        };
         Codec {
-            feedback: Layout::of::<Feedback>(extent),
-            instruments: Layout::of::<Instruments>(extent),
-            bus_cycle: Layout::of::<BusCycle>(extent),
-            command: Layout::of::<AxisCommand>(extent),
-            planner: Layout::of::<PlannerStatus>(extent),
+            is_whole: left_out.is_empty(),
+            feedback: Layout::without::<Feedback>(extent, left_out),
+            instruments: Layout::without::<Instruments>(extent, left_out),
+            bus_cycle: Layout::without::<BusCycle>(extent, left_out),
+            command: Layout::without::<AxisCommand>(extent, left_out),
+            planner: Layout::without::<PlannerStatus>(extent, left_out),
             roster: Layout::of::<Roster>(extent),
             header: Layout::of::<WindowHeader>(extent),
             setpoint: Layout::of::<Setpoint>(extent),
         }
+    }
+
+    /// Layout of a sample that comes scan by scan, and is written in columns; none of what has a message each.
+    pub(crate) fn of_scans(&self, content: Content) -> Option<&Layout> {
+        Some(match content {
+            Content::Feedback => &self.feedback,
+            Content::Instruments => &self.instruments,
+            Content::BusCycle => &self.bus_cycle,
+            Content::Command => &self.command,
+            Content::Planner => &self.planner,
+            Content::Window | Content::Roster | Content::Event => return None,
+        })
     }
 
     /// Appends the body of a message. An event's strings are aligned to the message's first byte, which must be there.

@@ -37,30 +37,45 @@ pub struct Layout {
     pub memory_bytes: usize,
     /// Where the pieces that are in use are in the struct: (offset, length) in bytes.
     pieces: Vec<(usize, usize)>,
+    /// Every number of a message, in order.
+    pub numbers: Vec<Number>,
+}
+
+/// A number of a message.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Number {
+    /// Its name: those of the fields that it is in, its axis, its place in an array.
+    pub name: String,
+    /// Name of its type in ROS 2 interface files.
+    pub kind: &'static str,
+    /// Where it is in the struct, and its length, in bytes.
+    pub piece: (usize, usize),
 }
 
 impl Layout {
     /// The layout of `T`, cut to what is in use.
     pub fn of<T: Wire>(extent: &Extent) -> Layout {
+        Self::without::<T>(extent, &[])
+    }
+
+    /// The same without the fields of these names; the schema still has them.
+    pub fn without<T: Wire>(extent: &Extent, left_out: &[&str]) -> Layout {
         let kind = T::KIND;
         let name = match kind {
             Kind::Struct(table) => table.name,
             _ => "Number",
         };
-        let mut builder = Builder {
-            extent,
-            pieces: Vec::new(),
-            definitions: Vec::new(),
-        };
-        builder.place(&kind, 0, Cut::Whole);
+        let mut builder = Builder::new(extent, left_out);
+        builder.place("", &kind, 0, Cut::Whole);
         builder.define(&kind);
-        let pieces = merged(builder.pieces);
+        let pieces = merged(builder.numbers.iter().map(|number| number.piece));
         Layout {
             schema_name: format!("quadrant/msg/{name}"),
             schema: join_definitions(&builder.definitions),
             bytes: pieces.iter().map(|piece| piece.1).sum(),
             memory_bytes: kind.bytes(),
             pieces,
+            numbers: builder.numbers,
         }
     }
 
@@ -72,6 +87,7 @@ impl Layout {
             bytes: 0,
             memory_bytes: 0,
             pieces: Vec::new(),
+            numbers: Vec::new(),
         }
     }
 
@@ -118,22 +134,28 @@ pub fn join_definitions(definitions: &[(String, String)]) -> String {
 
 /// The definitions of `T` and everything in it, `T` first: (name, body).
 pub fn definitions_of<T: Wire>(extent: &Extent) -> Vec<(String, String)> {
-    let mut builder = Builder {
-        extent,
-        pieces: Vec::new(),
-        definitions: Vec::new(),
-    };
+    let mut builder = Builder::new(extent, &[]);
     builder.define(&T::KIND);
     builder.definitions
 }
 
 struct Builder<'a> {
     extent: &'a Extent,
-    pieces: Vec<(usize, usize)>,
+    left_out: &'a [&'a str],
+    numbers: Vec<Number>,
     definitions: Vec<(String, String)>,
 }
 
-impl Builder<'_> {
+impl<'a> Builder<'a> {
+    fn new(extent: &'a Extent, left_out: &'a [&'a str]) -> Self {
+        Builder {
+            extent,
+            left_out,
+            numbers: Vec::new(),
+            definitions: Vec::new(),
+        }
+    }
+
     fn used(&self, cut: Cut, count: usize) -> usize {
         match cut {
             Cut::Whole => count,
@@ -141,23 +163,43 @@ impl Builder<'_> {
         }
     }
 
-    fn place(&mut self, kind: &Kind, offset: usize, cut: Cut) {
+    fn place(&mut self, name: &str, kind: &Kind, offset: usize, cut: Cut) {
+        let within = |part: &str| match name {
+            "" => part.to_string(),
+            _ => format!("{name}_{part}"),
+        };
         match kind {
-            Kind::Number(_, bytes) => self.pieces.push((offset, *bytes)),
+            Kind::Number(number, bytes) => self.numbers.push(Number {
+                name: name.into(),
+                kind: number,
+                piece: (offset, *bytes),
+            }),
             Kind::Struct(table) => {
-                for field in table.fields {
-                    self.place(&field.kind, offset + field.offset, field.cut);
+                let kept = table.fields.iter();
+                for field in kept.filter(|field| !self.left_out.contains(&field.name)) {
+                    let of_axes = matches!(
+                        (field.cut, &field.kind),
+                        (Cut::Axes, Kind::Array(Kind::Struct(_), _))
+                    );
+                    let name = if of_axes {
+                        name.into()
+                    } else {
+                        within(field.name)
+                    };
+                    self.place(&name, &field.kind, offset + field.offset, field.cut);
                 }
             }
             Kind::Array(element, count) => {
                 for index in 0..self.used(cut, *count) {
+                    let axis = self.extent.axes.get(index).filter(|_| cut != Cut::Whole);
+                    let part = axis.map_or(index.to_string(), |axis| axis.to_lowercase());
                     let at = offset + index * element.bytes();
                     match (cut, element) {
                         (Cut::AxesAndSubsamples, Kind::Array(inner, most)) => {
-                            let used = self.extent.subsamples.min(*most);
-                            self.pieces.push((at, used * inner.bytes()));
+                            let used = Kind::Array(inner, self.extent.subsamples.min(*most));
+                            self.place(&within(&part), &used, at, Cut::Whole);
                         }
-                        _ => self.place(element, at, Cut::Whole),
+                        _ => self.place(&within(&part), element, at, Cut::Whole),
                     }
                 }
             }
@@ -219,7 +261,7 @@ fn type_name(kind: &Kind) -> String {
 }
 
 /// Adjacent pieces as one, so that a sample is copied in a few long moves.
-fn merged(pieces: Vec<(usize, usize)>) -> Vec<(usize, usize)> {
+fn merged(pieces: impl Iterator<Item = (usize, usize)>) -> Vec<(usize, usize)> {
     let mut out: Vec<(usize, usize)> = Vec::new();
     for (offset, length) in pieces {
         match out.last_mut() {

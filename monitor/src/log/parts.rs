@@ -151,7 +151,7 @@ pub struct RunLog {
     parts: Vec<Part>,
     reader: Reader,
     reading: bool,
-    digests: Vec<String>,
+    digests: Vec<Option<String>>,
     newest: Newest,
     /// As it was when the part being read began.
     before: Newest,
@@ -247,11 +247,14 @@ impl RunLog {
     }
 
     /// The digest of everything read: that of the part where there is one, over the parts' own in their order where there are
-    /// several.
-    pub fn digest(&self) -> String {
+    /// several; none where a part that does not have every sample does not end.
+    pub fn digest(&self) -> Option<String> {
         match self.digests.as_slice() {
             [one] => one.clone(),
-            several => digest::over_parts(several.iter().map(String::as_str)),
+            several => {
+                let all: Option<Vec<&str>> = several.iter().map(Option::as_deref).collect();
+                all.map(|all| digest::over_parts(all.into_iter()))
+            }
         }
     }
 

@@ -7,11 +7,14 @@ use std::io::BufReader;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
+use machine::LogLevel;
 use mcap::records::{Record, op};
 
 use super::codec::{Codec, Content, ENCAPSULATION};
+use super::columns::Columns;
 use super::error::LogError;
 use super::feed::{Batch, Feed};
+use super::group::{Group, Next};
 use super::layout::Extent;
 use super::records::{Broken, Records, parse_record};
 use super::run_info::{END_RECORD, RUN_RECORD, RunEnd, RunInfo};
@@ -24,6 +27,10 @@ const MESSAGE_HEADER_BYTES: usize = 2 + 4 + 8 + 8;
 struct KnownChannel {
     topic: String,
     content: Option<Content>,
+    /// Where it stands among those of the same content.
+    place: usize,
+    /// How its samples are written; none where each has a message.
+    columns: Option<Columns>,
     /// Whether it counts in the digest.
     counts: bool,
     hash: ChannelHash,
@@ -39,6 +46,7 @@ pub struct Reader {
     scan_period_us: u32,
     codec: Codec,
     channels: BTreeMap<u16, KnownChannel>,
+    group: Group,
     end: Option<RunEnd>,
     cut: Option<String>,
     done: bool,
@@ -95,7 +103,8 @@ impl Reader {
             path: path.into(),
             source: Source::Opened(Box::new(records)),
             batch: Batch::default(),
-            codec: Codec::of(&extent),
+            codec: Codec::of_level(&extent, info.level()),
+            group: Group::default(),
             info,
             extent,
             scan_period_us,
@@ -106,10 +115,15 @@ impl Reader {
         })
     }
 
-    /// A message of this log as a sample; none if it does not fit.
-    pub fn sample(&self, content: Content, message: &[u8]) -> Option<Sample> {
-        self.codec
-            .decode(content, message.strip_prefix(&ENCAPSULATION)?)
+    /// The samples in a message of this log; none if it does not fit.
+    pub fn samples(&self, content: Content, message: &[u8]) -> Option<Vec<Sample>> {
+        let body = message.strip_prefix(&ENCAPSULATION)?;
+        let Some(layout) = self.codec.of_scans(content) else {
+            return Some(vec![self.codec.decode(content, body)?]);
+        };
+        let rows = Columns::of(layout.clone()).decode(body)?;
+        let rows = rows.chunks_exact(layout.bytes.max(1));
+        rows.map(|row| self.codec.decode(content, row)).collect()
     }
 
     /// What was known when the run began, files excepted.
@@ -137,13 +151,15 @@ impl Reader {
         self.cut.as_deref()
     }
 
-    /// The digest of everything read so far.
-    pub fn digest(&self) -> String {
-        digest::combine(
-            self.channels
-                .values()
-                .map(|channel| (channel.topic.as_str(), &channel.hash)),
-        )
+    /// The digest of everything read so far, of a log that has everything; else what its recorder has noted, if it ended it.
+    pub fn digest(&self) -> Option<String> {
+        if self.info.level() < LogLevel::Full {
+            return self.end.as_ref()?.digest.clone();
+        }
+        let channels = self.channels.values();
+        Some(digest::combine(
+            channels.map(|channel| (channel.topic.as_str(), &channel.hash)),
+        ))
     }
 
     /// The next sample, none at the end. A log that was cut off ends where it was cut; [`Reader::cut`] reports it.
@@ -151,7 +167,22 @@ impl Reader {
     /// # Errors
     /// A message that does not fit its channel, or a file that can no longer be read.
     pub fn next_sample(&mut self) -> Result<Option<Sample>, LogError> {
-        while !self.done {
+        let not_a_log = |path: &Path, what| LogError::NotALog {
+            path: path.into(),
+            what,
+        };
+        loop {
+            match self.group.next() {
+                Some(Next::Window(window)) => return Ok(Some(Sample::Window(window))),
+                Some(Next::Row(content, row)) => {
+                    let sample = self.codec.decode(content, row);
+                    return Ok(Some(sample.ok_or_else(|| {
+                        not_a_log(&self.path, format!("a row of {content:?} is no sample"))
+                    })?));
+                }
+                None if self.done => break,
+                None => {}
+            }
             let Some((opcode, data)) = self.batch.next() else {
                 self.next_batch()?;
                 continue;
@@ -161,13 +192,11 @@ impl Reader {
                     record,
                     &mut self.channels,
                     &self.codec,
+                    &mut self.group,
                     &mut self.end,
                     &self.extent,
                 )
-                .map_err(|what| LogError::NotALog {
-                    path: self.path.clone(),
-                    what,
-                })?,
+                .map_err(|what| not_a_log(&self.path, what))?,
                 Err(what) => {
                     self.cut = Some(format!("a record cannot be read: {what}"));
                     Step::End
@@ -194,7 +223,7 @@ impl Reader {
             }
             Source::Feed(feed) => feed,
             Source::Done => {
-                self.done = true;
+                self.finish_reading();
                 return Ok(());
             }
         };
@@ -220,6 +249,7 @@ impl Reader {
     fn finish_reading(&mut self) {
         self.done = true;
         self.source = Source::Done;
+        self.group.end();
     }
 }
 
@@ -273,14 +303,19 @@ fn take_record(
     record: Parsed<'_>,
     channels: &mut BTreeMap<u16, KnownChannel>,
     codec: &Codec,
+    group: &mut Group,
     end: &mut Option<RunEnd>,
     extent: &Extent,
 ) -> Result<Step, String> {
     match record {
         Parsed::Other(Record::Channel(channel)) => {
+            let content = Content::of_topic(&channel.topic);
+            let layout = content.and_then(|content| codec.of_scans(content));
             channels.entry(channel.id).or_insert_with(|| KnownChannel {
-                content: Content::of_topic(&channel.topic),
-                counts: digest::counts(&channel.topic),
+                content,
+                place: place_of(&channel.topic, extent),
+                columns: layout.map(|layout| Columns::of(layout.clone())),
+                counts: codec.is_whole && digest::counts(&channel.topic),
                 topic: channel.topic,
                 hash: ChannelHash::default(),
             });
@@ -296,23 +331,47 @@ fn take_record(
             let Some(content) = channel.content else {
                 return Ok(Step::Skip);
             };
-            if channel.counts {
-                channel.hash.update(data);
-            }
             let body = data
                 .strip_prefix(&ENCAPSULATION)
                 .ok_or_else(|| format!("message on {} is not little-endian CDR", channel.topic))?;
-            let sample = codec.decode(content, body).ok_or_else(|| {
+            let does_not_fit = || {
                 format!(
                     "message of {} bytes on {} does not fit a machine with {} axes",
                     data.len(),
                     channel.topic,
                     extent.axes.len()
                 )
-            })?;
-            return Ok(Step::Sample(sample));
+            };
+            if let Some(columns) = &channel.columns {
+                let rows = columns.decode(body).ok_or_else(does_not_fit)?;
+                if channel.counts {
+                    let mut message = ENCAPSULATION.to_vec();
+                    for row in rows.chunks_exact(columns.row.bytes.max(1)) {
+                        message.truncate(ENCAPSULATION.len());
+                        message.extend_from_slice(row);
+                        channel.hash.update(&message);
+                    }
+                }
+                group.take((content, channel.place), columns, rows);
+                return Ok(Step::Skip);
+            }
+            if channel.counts {
+                channel.hash.update(data);
+            }
+            match codec.decode(content, body).ok_or_else(does_not_fit)? {
+                Sample::Window(window) => group.window(window),
+                sample => return Ok(Step::Sample(sample)),
+            }
         }
         Parsed::Other(_) => {}
     }
     Ok(Step::Skip)
+}
+
+/// Where a channel of commands stands among the others: by axis, then by role.
+fn place_of(topic: &str, extent: &Extent) -> usize {
+    let mut parts = topic.split('/').skip(2);
+    let letter = parts.next().unwrap_or_default();
+    let axis = extent.axes.iter().position(|axis| axis == letter);
+    2 * axis.unwrap_or(0) + parts.count()
 }

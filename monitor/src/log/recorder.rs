@@ -5,24 +5,25 @@ use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::BufWriter;
+use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use bus::sample::{
-    AxisCommand, BusCycle, Feedback, Instruments, PlannerStatus, Roster, Setpoint, WindowHeader,
-};
-use machine::Machine;
+use bus::sample::{AxisCommand, Setpoint, WindowHeader};
+use bus::service::ROLES;
+use machine::{LogLevel, Machine};
 use mcap::records::MessageHeader;
 use mcap::write::NoSeek;
 use mcap::{Attachment, Compression, WriteOptions, Writer};
 
 use super::behind::{Behind, Written, write_behind};
 use super::codec::{Codec, ENCAPSULATION};
+use super::columns::{Columns, ROWS_MAX};
 use super::derived::{AxisRow, Rows};
 use super::error::LogError;
 use super::layout::{Extent, Layout, definitions_of, join_definitions};
 use super::parts;
-use super::run_info::{RunEnd, RunInfo};
+use super::run_info::{LEVEL, RunEnd, RunInfo};
 use super::sample::SampleRef;
 use crate::digest::{self, ChannelHash};
 
@@ -30,6 +31,8 @@ use crate::digest::{self, ChannelHash};
 const CHUNK_BYTES: u64 = 2 << 20;
 /// The same of a log that is written beside another one.
 const SMALL_CHUNK_BYTES: u64 = 256 << 10;
+/// Effort of the compression (zstd): what each level costs and saves is in docs/developers/measurements.md.
+const COMPRESSION_LEVEL: u32 = 1;
 /// Longest time that samples stay in memory, by the clock and by the machine's.
 const FLUSH_PERIOD: Duration = Duration::from_millis(500);
 /// Scans between two looks at the clock.
@@ -42,14 +45,37 @@ const ROSTER: usize = 3;
 const WINDOW: usize = 4;
 const EVENT: usize = 5;
 const AXES: usize = 6;
+/// Scans between two whole states of a servo at a level that has not all of them.
+const WHOLE_EVERY_SCANS: u64 = 1000;
 
 struct Channel {
     id: u16,
     sequence: u32,
     topic: String,
     counts: bool,
-    layout: Layout,
     hash: ChannelHash,
+    /// The levels that have it.
+    levels: RangeInclusive<LogLevel>,
+    /// Samples that are written together; none where each is a message.
+    waiting: Option<Waiting>,
+}
+
+/// Rows that wait for the others of their time.
+struct Waiting {
+    columns: Columns,
+    rows: Vec<u8>,
+    /// Of the first row.
+    time_ns: u64,
+}
+
+/// What servos have said of an axis, and where it goes.
+struct AxisChannels {
+    /// Role a, role b (made when first heard).
+    roles: [Option<usize>; ROLES.len()],
+    whole: usize,
+    newest: [Option<Box<AxisCommand>>; ROLES.len()],
+    /// The next command goes in whole, with the state of its servo.
+    whole_is_due: bool,
 }
 
 type Sink = NoSeek<BufWriter<Behind>>;
@@ -60,13 +86,23 @@ pub struct Recorder {
     writer: Writer<Sink>,
     extent: Extent,
     period_ns: u64,
+    /// What the file has, and what goes into it at present.
+    of_file: LogLevel,
+    level: LogLevel,
     /// Message being put together, encapsulation header first.
     message: Vec<u8>,
     /// The fixed ones first ([`FEEDBACK`] …), then one per axis for people, then one per axis and role of servos.
     channels: Vec<Channel>,
     codec: Codec,
-    /// Channel of each axis' servos: role a, role b (made when first heard).
-    commands: Vec<[Option<usize>; 2]>,
+    commands: Vec<AxisChannels>,
+    /// Commands of a servo that were those of the other one, and so are not in the log.
+    commands_alike: u64,
+    /// Mode and cause of the machine.
+    mode: (u32, u32),
+    /// Scans whose commands all go in whole.
+    whole: RangeInclusive<u64>,
+    motion_digest: Option<u128>,
+    newest_scan: u64,
     /// Channel of the fieldbus, of a machine that has one.
     bus_cycle: Option<usize>,
     rows: Rows,
@@ -86,6 +122,7 @@ impl Recorder {
         run_dir: &Path,
         machine: &Machine,
         info: &RunInfo,
+        level: LogLevel,
     ) -> Result<Recorder, LogError> {
         let (part, path, file) = parts::make_next(run_dir)?;
         let mut info = Cow::Borrowed(info);
@@ -93,7 +130,7 @@ impl Recorder {
             let settings = &mut info.to_mut().settings;
             settings.insert("part".into(), part.to_string());
         }
-        Self::begin(&path, file, machine, &info, CHUNK_BYTES)
+        Self::begin(&path, file, machine, &info, level, CHUNK_BYTES)
     }
 
     /// Begins a log at `path`, replacing what is there.
@@ -103,10 +140,10 @@ impl Recorder {
     #[cfg(test)]
     pub fn create(path: &Path, machine: &Machine, info: &RunInfo) -> Result<Recorder, LogError> {
         let file = File::create(path).map_err(LogError::of_file(path))?;
-        Self::begin(path, file, machine, info, CHUNK_BYTES)
+        Self::begin(path, file, machine, info, LogLevel::Full, CHUNK_BYTES)
     }
 
-    /// Begins a small log at `path`, where nothing may be yet.
+    /// Begins a small log at `path`, where nothing may be yet. Commands of these scans are whole.
     ///
     /// # Errors
     /// The file cannot be created or written, or something is there.
@@ -114,9 +151,12 @@ impl Recorder {
         path: &Path,
         machine: &Machine,
         info: &RunInfo,
+        whole: RangeInclusive<u64>,
     ) -> Result<Recorder, LogError> {
         let file = File::create_new(path).map_err(LogError::of_file(path))?;
-        Self::begin(path, file, machine, info, SMALL_CHUNK_BYTES)
+        let level = LogLevel::Control;
+        let begun = Self::begin(path, file, machine, info, level, SMALL_CHUNK_BYTES)?;
+        Ok(Recorder { whole, ..begun })
     }
 
     fn begin(
@@ -124,9 +164,12 @@ impl Recorder {
         file: File,
         machine: &Machine,
         info: &RunInfo,
+        level: LogLevel,
         chunk_bytes: u64,
     ) -> Result<Recorder, LogError> {
-        let begun = Self::write_beginning(path, file, machine, info, chunk_bytes);
+        let mut info = info.clone();
+        info.settings.insert(LEVEL.into(), level.to_string());
+        let begun = Self::write_beginning(path, file, machine, &info, level, chunk_bytes);
         begun.map_err(LogError::of_writer(path))
     }
 
@@ -135,12 +178,15 @@ impl Recorder {
         file: File,
         machine: &Machine,
         info: &RunInfo,
+        level: LogLevel,
         chunk_bytes: u64,
     ) -> Result<Recorder, mcap::McapError> {
         let (file, written) = write_behind(file)?;
         // Without seeking a chunk reaches the file whole: a killed recorder leaves a cut end, never a wrong length.
         let mut writer = WriteOptions::new()
-            .compression(Some(Compression::Lz4))
+            .compression(Some(Compression::Zstd))
+            .compression_level(COMPRESSION_LEVEL)
+            .compression_threads(0)
             .chunk_size(Some(chunk_bytes))
             .profile("ros2")
             .library(format!("quadrant {}", env!("CARGO_PKG_VERSION")))
@@ -157,44 +203,25 @@ impl Recorder {
                 data: Cow::Borrowed(data),
             })?;
         }
-        let axis_count = extent.axes.len();
-        let mut plan = vec![
-            ("/feedback".to_string(), Layout::of::<Feedback>(&extent)),
-            ("/instruments".into(), Layout::of::<Instruments>(&extent)),
-            ("/planner".into(), Layout::of::<PlannerStatus>(&extent)),
-            ("/roster".into(), Layout::of::<Roster>(&extent)),
-            ("/window".into(), window_layout(&extent)),
-            ("/event".into(), event_layout()),
-        ];
-        for axis in &extent.axes {
-            plan.push((format!("/axis/{axis}"), Layout::of::<AxisRow>(&extent)));
-        }
-        for axis in &extent.axes {
-            let layout = Layout::of::<AxisCommand>(&extent);
-            plan.push((format!("/command/{axis}"), layout));
-        }
-        let bus_cycle = machine.bus.is_some().then_some(plan.len());
-        if bus_cycle.is_some() {
-            plan.push(("/bus_cycle".into(), Layout::of::<BusCycle>(&extent)));
-        }
-        let mut channels = Vec::new();
-        for (topic, layout) in plan {
-            channels.push(channel(&mut writer, &topic, layout)?);
-        }
-        let commands = (0..axis_count)
-            .map(|axis| [Some(AXES + axis_count + axis), None])
-            .collect();
-        // Whoever comes after a recorder that was ready finds at least its beginning.
+        let (channels, commands, bus_cycle) = make_channels(&mut writer, machine, &extent, level)?;
+        // A successor of a recorder that was ready finds at least its beginning.
         writer.flush()?;
         written.wait()?;
         Ok(Recorder {
             path: path.into(),
             writer,
             period_ns: u64::from(machine.scan.period_us) * 1000,
+            of_file: level,
+            level,
             message: ENCAPSULATION.to_vec(),
             channels,
             codec: Codec::of(&extent),
             commands,
+            commands_alike: 0,
+            mode: (0, 0),
+            whole: 1..=0,
+            motion_digest: None,
+            newest_scan: 0,
             bus_cycle,
             rows: Rows::new(machine),
             whole_rows: Vec::new(),
@@ -205,45 +232,160 @@ impl Recorder {
         })
     }
 
+    /// The scan of the newest feedback.
+    pub fn newest_scan(&self) -> u64 {
+        self.newest_scan
+    }
+
+    /// From now on only what is in this level as well goes in.
+    pub fn hold_to(&mut self, level: LogLevel) {
+        self.level = level.min(self.of_file);
+    }
+
     /// Records one sample; with a feedback looks at the clock once in a while and flushes.
     ///
     /// # Errors
     /// The file cannot be written, or a command is of an axis or role that this machine does not have.
     pub fn record(&mut self, sample: SampleRef<'_>) -> Result<(), LogError> {
+        let whole = &mut self.whole_rows;
         let which = match sample {
-            SampleRef::Feedback(_) => FEEDBACK,
-            SampleRef::Instruments(_) => INSTRUMENTS,
+            SampleRef::Feedback(feedback) => {
+                self.rows.feedback(feedback, whole);
+                self.newest_scan = feedback.scan;
+                let mode = (feedback.mode, feedback.cause);
+                if std::mem::replace(&mut self.mode, mode) != mode {
+                    self.states_are_due();
+                }
+                FEEDBACK
+            }
+            SampleRef::Instruments(instruments) => {
+                self.rows.instruments(instruments, whole);
+                let halves = [
+                    instruments.motion_digest_high,
+                    instruments.motion_digest_low,
+                ];
+                self.motion_digest = Some(u128::from(halves[0]) << 64 | u128::from(halves[1]));
+                INSTRUMENTS
+            }
             SampleRef::BusCycle(_) => self.bus_cycle.ok_or_else(|| {
                 LogError::BadSample("a cycle of a fieldbus: this machine has none".into())
             })?,
             SampleRef::Command(axis, command) => {
-                self.command_channel(axis, command.role as usize)?
+                let which = self.command_channel(axis, command.role as usize)?;
+                self.rows.command(axis, command, &mut self.whole_rows);
+                self.take_command(which, axis, command)?;
+                return self.put_rows();
             }
             SampleRef::Window(..) => WINDOW,
             SampleRef::Planner(_) => PLANNER,
-            SampleRef::Roster(_) => ROSTER,
+            SampleRef::Roster(_) => {
+                self.states_are_due();
+                ROSTER
+            }
             SampleRef::Event(_) => EVENT,
         };
-        self.message.truncate(ENCAPSULATION.len());
-        self.codec.encode(sample, &mut self.message);
-        self.send(which, self.time_ns(sample.scan()))?;
-        let whole = &mut self.whole_rows;
+        self.take(which, sample, true)?;
+        self.put_rows()?;
         match sample {
-            SampleRef::Feedback(feedback) => {
-                self.rows.feedback(feedback, whole);
-                self.put_setpoints()?;
-                self.flush_in_time(feedback.scan)
-            }
-            SampleRef::Instruments(instruments) => {
-                self.rows.instruments(instruments, whole);
-                self.put_setpoints()
-            }
-            SampleRef::Command(axis, command) => {
-                self.rows.command(axis, command, whole);
-                self.put_setpoints()
-            }
+            SampleRef::Feedback(feedback) => self.flush_in_time(feedback.scan),
             _ => Ok(()),
         }
+    }
+
+    fn states_are_due(&mut self) {
+        for axis in &mut self.commands {
+            axis.whole_is_due = true;
+        }
+    }
+
+    /// A standby says what the servo in force says: once is enough. States go in where something happens, and now and then.
+    fn take_command(
+        &mut self,
+        which: usize,
+        axis: usize,
+        command: &AxisCommand,
+    ) -> Result<(), LogError> {
+        let Some(said) = self.commands.get_mut(axis) else {
+            return Ok(());
+        };
+        let mut is_alike = false;
+        for (role, newest) in said.newest.iter_mut().enumerate() {
+            if role == command.role as usize {
+                **newest.get_or_insert_with(|| Box::new(*command)) = *command;
+            } else if let Some(other) = newest {
+                is_alike = other.scan == command.scan && other.drives_as(command);
+            }
+        }
+        is_alike &= self.level != LogLevel::Full;
+        self.commands_alike += u64::from(is_alike);
+        let scan = command.scan;
+        let is_due = said.whole_is_due || scan.is_multiple_of(WHOLE_EVERY_SCANS);
+        let whole = said.whole;
+        if !is_alike && (is_due || self.whole.contains(&scan)) {
+            said.whole_is_due = false;
+            self.take(whole, SampleRef::Command(axis, command), true)?;
+        }
+        self.take(which, SampleRef::Command(axis, command), !is_alike)
+    }
+
+    /// Takes a sample into the digest of its channel, and where it `goes_in`, into the log.
+    fn take(&mut self, which: usize, sample: SampleRef<'_>, goes_in: bool) -> Result<(), LogError> {
+        self.message.truncate(ENCAPSULATION.len());
+        self.codec.encode(sample, &mut self.message);
+        let time_ns = self.time_ns(sample.scan());
+        let Some(channel) = self.channels.get_mut(which) else {
+            return Ok(());
+        };
+        if channel.counts {
+            channel.hash.update(&self.message);
+        }
+        if !goes_in || !channel.levels.contains(&self.level) {
+            return Ok(());
+        }
+        match sample.bytes() {
+            Some(bytes) if channel.waiting.is_some() => self.add_row(which, bytes, time_ns),
+            _ if which == WINDOW => self.send(which, time_ns),
+            _ => {
+                // What comes seldom stands where it belongs between the others; a window names its scan itself.
+                self.write_rows()?;
+                self.message.truncate(ENCAPSULATION.len());
+                self.codec.encode(sample, &mut self.message);
+                self.send(which, time_ns)
+            }
+        }
+    }
+
+    fn add_row(&mut self, which: usize, sample: &[u8], time_ns: u64) -> Result<(), LogError> {
+        let waiting = self.channels.get_mut(which);
+        let Some(waiting) = waiting.and_then(|channel| channel.waiting.as_mut()) else {
+            return Ok(());
+        };
+        if waiting.rows.is_empty() {
+            waiting.time_ns = time_ns;
+        }
+        waiting.columns.row.encode(sample, &mut waiting.rows);
+        if waiting.rows.len() >= ROWS_MAX * waiting.columns.row.bytes {
+            return self.write_rows();
+        }
+        Ok(())
+    }
+
+    /// Writes what waits, the feedback last: with it a reader has all that belongs before it.
+    fn write_rows(&mut self) -> Result<(), LogError> {
+        let count = self.channels.len();
+        for which in (FEEDBACK + 1..count).chain([FEEDBACK]) {
+            let waiting = self.channels.get_mut(which);
+            let waiting = waiting.and_then(|channel| channel.waiting.as_mut());
+            let Some(waiting) = waiting.filter(|waiting| !waiting.rows.is_empty()) else {
+                continue;
+            };
+            self.message.truncate(ENCAPSULATION.len());
+            waiting.columns.encode(&waiting.rows, &mut self.message);
+            waiting.rows.clear();
+            let time_ns = waiting.time_ns;
+            self.send(which, time_ns)?;
+        }
+        Ok(())
     }
 
     fn flush_in_time(&mut self, scan: u64) -> Result<(), LogError> {
@@ -261,14 +403,14 @@ impl Recorder {
 
     /// Channel of the commands of an axis and a role; that of role b is made when it is first heard.
     fn command_channel(&mut self, axis: usize, role: usize) -> Result<usize, LogError> {
-        let (Some(roles), Some(letter)) = (self.commands.get_mut(axis), self.extent.axes.get(axis))
+        let (Some(said), Some(letter)) = (self.commands.get_mut(axis), self.extent.axes.get(axis))
         else {
             return Err(LogError::BadSample(format!(
                 "command for axis {axis}: this machine has {} axes",
                 self.extent.axes.len()
             )));
         };
-        let Some(known) = roles.get_mut(role) else {
+        let Some(known) = said.roles.get_mut(role) else {
             return Err(LogError::BadSample(format!(
                 "command of axis {letter} with role {role}: must be 0 or 1"
             )));
@@ -276,8 +418,9 @@ impl Recorder {
         if let Some(which) = *known {
             return Ok(which);
         }
-        let layout = Layout::of::<AxisCommand>(&self.extent);
-        let made = channel(&mut self.writer, &format!("/command/{letter}/b"), layout);
+        let columns = Columns::of(Codec::of_level(&self.extent, self.of_file).command);
+        let topic = format!("/command/{letter}/b");
+        let made = Form::Columns(columns).channel(&mut self.writer, &topic, LogLevel::Axes);
         self.channels
             .push(made.map_err(LogError::of_writer(&self.path))?);
         Ok(*known.insert(self.channels.len() - 1))
@@ -311,6 +454,7 @@ impl Recorder {
     /// Hands everything recorded so far over to be written.
     fn hand_over(&mut self) -> Result<(), LogError> {
         self.flushed = Instant::now();
+        self.write_rows()?;
         let flushed = self.writer.flush();
         flushed.map_err(LogError::of_writer(&self.path))
     }
@@ -330,11 +474,18 @@ impl Recorder {
     /// As [`Recorder::record`].
     pub fn finish(mut self, end: &RunEnd) -> Result<String, LogError> {
         self.rows.rest(&mut self.whole_rows);
-        self.put_setpoints()?;
+        self.put_rows()?;
+        self.write_rows()?;
         let digest = self.digest();
+        let end = RunEnd {
+            digest: Some(digest.clone()),
+            motion_digest: self.motion_digest.map(digest::hex),
+            commands_alike: self.commands_alike,
+            ..end.clone()
+        };
         let ended = self
             .writer
-            .write_metadata(&end.to_record(&digest))
+            .write_metadata(&end.to_record())
             .and_then(|()| self.writer.finish());
         ended.map_err(LogError::of_writer(&self.path))?;
         self.wait()?;
@@ -350,9 +501,6 @@ impl Recorder {
         let Some(channel) = self.channels.get_mut(which) else {
             return Ok(());
         };
-        if channel.counts {
-            channel.hash.update(&self.message);
-        }
         let header = MessageHeader {
             channel_id: channel.id,
             sequence: channel.sequence,
@@ -364,36 +512,129 @@ impl Recorder {
         sent.map_err(LogError::of_writer(&self.path))
     }
 
-    fn put_setpoints(&mut self) -> Result<(), LogError> {
+    /// Hands on the rows for people that have become whole.
+    fn put_rows(&mut self) -> Result<(), LogError> {
         while let Some((axis, scan, row)) = self.whole_rows.pop() {
-            self.message.truncate(ENCAPSULATION.len());
-            if let Some(channel) = self.channels.get(AXES + axis) {
-                let row = bytemuck::bytes_of(&row);
-                channel.layout.encode(row, &mut self.message);
+            if self.level.has_samples() {
+                self.add_row(AXES + axis, bytemuck::bytes_of(&row), self.time_ns(scan))?;
             }
-            self.send(AXES + axis, self.time_ns(scan))?;
         }
         Ok(())
     }
 }
 
-fn channel(
+/// How the samples of a channel are written.
+enum Form {
+    Messages(Layout),
+    Columns(Columns),
+}
+
+impl Form {
+    fn channel(
+        self,
+        writer: &mut Writer<Sink>,
+        topic: &str,
+        from: LogLevel,
+    ) -> Result<Channel, mcap::McapError> {
+        let (name, schema) = match &self {
+            Form::Messages(layout) => (&layout.schema_name, &layout.schema),
+            Form::Columns(columns) => (&columns.schema_name, &columns.schema),
+        };
+        let schema = writer.add_schema(name, "ros2msg", schema.as_bytes())?;
+        // Asked for by MCAP's profile ros2; empty is what a recorder writes that knows of none.
+        let metadata = BTreeMap::from([("offered_qos_profiles".to_string(), String::new())]);
+        let id = writer.add_channel(schema, topic, "cdr", &metadata)?;
+        Ok(Channel {
+            id,
+            sequence: 0,
+            topic: topic.into(),
+            counts: digest::counts(topic),
+            hash: ChannelHash::default(),
+            levels: from..=LogLevel::Full,
+            waiting: match self {
+                Form::Messages(_) => None,
+                Form::Columns(columns) => Some(Waiting {
+                    columns,
+                    rows: Vec::new(),
+                    time_ns: 0,
+                }),
+            },
+        })
+    }
+}
+
+/// The channels of a log: all of them, those of each axis, that of the fieldbus.
+type Made = (Vec<Channel>, Vec<AxisChannels>, Option<usize>);
+
+fn make_channels(
     writer: &mut Writer<Sink>,
-    topic: &str,
-    layout: Layout,
-) -> Result<Channel, mcap::McapError> {
-    let schema = writer.add_schema(&layout.schema_name, "ros2msg", layout.schema.as_bytes())?;
-    // Asked for by MCAP's profile ros2; empty is what a recorder writes that knows of none.
-    let metadata = BTreeMap::from([("offered_qos_profiles".to_string(), String::new())]);
-    let id = writer.add_channel(schema, topic, "cdr", &metadata)?;
-    Ok(Channel {
-        id,
-        sequence: 0,
-        topic: topic.into(),
-        counts: digest::counts(topic),
-        layout,
-        hash: ChannelHash::default(),
-    })
+    machine: &Machine,
+    extent: &Extent,
+    level: LogLevel,
+) -> Result<Made, mcap::McapError> {
+    let Codec {
+        feedback,
+        instruments,
+        bus_cycle: cycle,
+        command,
+        planner,
+        roster,
+        ..
+    } = Codec::of_level(extent, level);
+    let columns = |row: Layout| Form::Columns(Columns::of(row));
+    let topic = |name: &str| name.to_string();
+    let mut plan = vec![
+        (topic("/feedback"), columns(feedback), LogLevel::Axes),
+        (
+            topic("/instruments"),
+            columns(instruments),
+            LogLevel::Control,
+        ),
+        (topic("/planner"), columns(planner), LogLevel::Control),
+        (topic("/roster"), Form::Messages(roster), LogLevel::Events),
+        (
+            topic("/window"),
+            Form::Messages(window_layout(extent)),
+            LogLevel::Control,
+        ),
+        (
+            topic("/event"),
+            Form::Messages(event_layout()),
+            LogLevel::Events,
+        ),
+    ];
+    for axis in &extent.axes {
+        let rows = columns(Layout::of::<AxisRow>(extent));
+        plan.push((format!("/axis/{axis}"), rows, LogLevel::Axes));
+    }
+    for axis in &extent.axes {
+        let commands = columns(command.clone());
+        plan.push((format!("/command/{axis}"), commands, LogLevel::Axes));
+    }
+    let bus_cycle = machine.bus.is_some().then_some(plan.len());
+    if bus_cycle.is_some() {
+        plan.push((topic("/bus_cycle"), columns(cycle), LogLevel::Control));
+    }
+    let states = plan.len();
+    for axis in &extent.axes {
+        let whole = columns(Layout::of::<AxisCommand>(extent));
+        plan.push((format!("/servo_state/{axis}"), whole, LogLevel::Control));
+    }
+    let mut channels = Vec::new();
+    for (topic, form, from) in plan {
+        channels.push(form.channel(writer, &topic, from)?);
+    }
+    for channel in channels.iter_mut().skip(states) {
+        // At the highest level every command is whole.
+        channel.levels = LogLevel::Control..=LogLevel::Control;
+    }
+    let commands = (0..extent.axes.len()).map(|axis| AxisChannels {
+        roles: [Some(AXES + extent.axes.len() + axis), None],
+        whole: states + axis,
+        newest: [None, None],
+        whole_is_due: true,
+    });
+    Ok((channels, commands.collect(), bus_cycle))
 }
 
 /// Layout of the header, schema of the whole message.

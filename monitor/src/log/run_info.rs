@@ -2,6 +2,8 @@
 
 use std::collections::BTreeMap;
 
+use machine::LogLevel;
+
 use super::layout::Extent;
 
 /// Metadata record with which a log begins.
@@ -9,10 +11,13 @@ pub(super) const RUN_RECORD: &str = "quadrant.run";
 /// Metadata record with which a whole log ends.
 pub(super) const END_RECORD: &str = "quadrant.end";
 /// Contract of topics and messages in the log.
-const LOG_VERSION: &str = "2";
+const LOG_VERSION: &str = "3";
 
 /// Setting of a log that begins later than its cell: scan in which its program was started.
 pub const BEGINS_AT: &str = "begins_at_scan";
+
+/// Setting of every log: what is recorded.
+pub(super) const LEVEL: &str = "level";
 
 /// What is known when a run begins.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -40,6 +45,12 @@ pub struct RunEnd {
     pub queue_losses: u64,
     /// A reason from outside that the samples do not tell (an environment failure, a lost launcher).
     pub reason: Option<String>,
+    /// Digest of every sample that the recorder has had, whatever is in the log of them; set where the log ends.
+    pub digest: Option<String>,
+    /// The master's digest of the motion, as the recorder had it last; set where the log ends.
+    pub motion_digest: Option<String>,
+    /// Commands of standbys that were those of the servo in force, and so are not in the log; set where the log ends.
+    pub commands_alike: u64,
 }
 
 /// Something that happened to the process group; for people, not in the digest.
@@ -58,6 +69,12 @@ impl RunInfo {
     pub fn begins_at(&self) -> u64 {
         let scan = self.settings.get(BEGINS_AT);
         scan.and_then(|scan| scan.parse().ok()).unwrap_or(0)
+    }
+
+    /// What is recorded of it; all where the log does not say.
+    pub fn level(&self) -> LogLevel {
+        let level = self.settings.get(LEVEL).and_then(|text| text.parse().ok());
+        level.unwrap_or(LogLevel::Full)
     }
 
     pub(super) fn to_record(
@@ -139,14 +156,22 @@ impl RunInfo {
 }
 
 impl RunEnd {
-    pub(super) fn to_record(&self, digest: &str) -> mcap::records::Metadata {
+    pub(super) fn to_record(&self) -> mcap::records::Metadata {
         let mut metadata = BTreeMap::from([
             ("wall_s".to_string(), self.wall_s.to_string()),
             ("queue_losses".to_string(), self.queue_losses.to_string()),
-            ("digest".to_string(), digest.to_string()),
+            (
+                "commands_alike".to_string(),
+                self.commands_alike.to_string(),
+            ),
         ]);
-        if let Some(reason) = &self.reason {
-            metadata.insert("reason".into(), reason.clone());
+        let texts = [
+            ("reason", &self.reason),
+            ("digest", &self.digest),
+            ("motion_digest", &self.motion_digest),
+        ];
+        for (key, text) in texts {
+            metadata.extend(text.clone().map(|text| (key.to_string(), text)));
         }
         mcap::records::Metadata {
             name: END_RECORD.into(),
@@ -156,15 +181,17 @@ impl RunEnd {
 
     pub(super) fn from_record(metadata: &BTreeMap<String, String>) -> RunEnd {
         let number = |key: &str| metadata.get(key).and_then(|text| text.parse::<f64>().ok());
+        let count = |key: &str| metadata.get(key).and_then(|text| text.parse().ok());
+        let text = |key: &str| metadata.get(key).cloned();
         RunEnd {
             wall_s: number("wall_s")
                 .filter(|wall_s| wall_s.is_finite() && *wall_s >= 0.0)
                 .unwrap_or(0.0),
-            queue_losses: metadata
-                .get("queue_losses")
-                .and_then(|text| text.parse().ok())
-                .unwrap_or(0),
-            reason: metadata.get("reason").cloned(),
+            queue_losses: count("queue_losses").unwrap_or(0),
+            reason: text("reason"),
+            digest: text("digest"),
+            motion_digest: text("motion_digest"),
+            commands_alike: count("commands_alike").unwrap_or(0),
         }
     }
 }

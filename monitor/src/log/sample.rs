@@ -83,6 +83,18 @@ impl<'a> SampleRef<'a> {
         SampleRef::Window(header, intended, tail_checksum(header, setpoints))
     }
 
+    /// Its bytes; none of what does not come scan by scan.
+    pub(crate) fn bytes(&self) -> Option<&'a [u8]> {
+        Some(match self {
+            SampleRef::Feedback(sample) => bytemuck::bytes_of(*sample),
+            SampleRef::Instruments(sample) => bytemuck::bytes_of(*sample),
+            SampleRef::BusCycle(sample) => bytemuck::bytes_of(*sample),
+            SampleRef::Command(_, sample) => bytemuck::bytes_of(*sample),
+            SampleRef::Planner(sample) => bytemuck::bytes_of(*sample),
+            SampleRef::Roster(_) | SampleRef::Window(..) | SampleRef::Event(_) => return None,
+        })
+    }
+
     /// Scan that it belongs to in the log.
     pub(crate) fn scan(&self) -> u64 {
         match self {

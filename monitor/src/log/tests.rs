@@ -1,5 +1,7 @@
 //! What goes into a log comes out of it, also when its end is missing.
 
+use machine::LogLevel;
+use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::Instant;
 
@@ -138,7 +140,7 @@ fn write(path: &Path, scans: u64) -> String {
         .finish(&RunEnd {
             wall_s: 0.25,
             queue_losses: 3,
-            reason: None,
+            ..RunEnd::default()
         })
         .unwrap()
 }
@@ -179,7 +181,7 @@ fn a_cycle_of_the_bus_is_read_back_and_counts_in_no_digest() {
     let mut reader = Reader::open(&path).unwrap();
     let samples: Vec<Sample> = reader.by_ref().map(Result::unwrap).collect();
     assert!(samples.contains(&Sample::BusCycle(Box::new(cycle))));
-    assert_eq!(reader.digest(), with);
+    assert_eq!(reader.digest(), Some(with));
 }
 
 #[test]
@@ -216,12 +218,22 @@ fn what_is_recorded_is_read_back_to_the_bit() {
         text: "killed by signal 9".into(),
     };
     expected.push(Sample::Event(event));
-    let read: Vec<Sample> = reader.by_ref().map(Result::unwrap).collect();
+    let mut read: Vec<Sample> = reader.by_ref().map(Result::unwrap).collect();
     assert_eq!(read.len(), expected.len());
+    // These samples become visible in no order: each channel has its own.
+    for samples in [&mut read, &mut expected] {
+        samples.sort_by_key(|sample| {
+            let axis = match sample {
+                Sample::Command(command) => command.axis,
+                _ => 0,
+            };
+            (Content::of(&sample.as_ref(0)) as u8, axis)
+        });
+    }
     for (index, (read, expected)) in read.iter().zip(&expected).enumerate() {
         assert_eq!(read, expected, "sample {index}");
     }
-    assert_eq!(reader.digest(), digest);
+    assert_eq!(reader.digest(), Some(digest));
     assert_eq!(reader.cut(), None);
     let end = reader.end().unwrap();
     assert_eq!((end.wall_s, end.queue_losses), (0.25, 3));
@@ -424,9 +436,85 @@ fn recording_cost_per_scan() {
         let mut reader = Reader::open(&path).unwrap();
         let samples = reader.by_ref().filter(|s| s.is_ok()).count();
         println!(
-            "{axes} axes: read back in {:.2} µs per scan ({samples} samples, digest {})",
+            "{axes} axes: read back in {:.2} µs per scan ({samples} samples, digest {:?})",
             start.elapsed().as_secs_f64() * 1e6 / scans as f64,
             reader.digest()
         );
+    }
+}
+
+/// The topics of a log, and how many samples each has.
+fn rows_by_topic(path: &Path) -> BTreeMap<String, u32> {
+    let file = std::fs::read(path).unwrap();
+    let mut rows = BTreeMap::new();
+    for message in mcap::MessageStream::new(&file).unwrap() {
+        let message = message.unwrap();
+        let first = message.data[4..8].try_into().unwrap();
+        *rows.entry(message.channel.topic.clone()).or_default() += u32::from_le_bytes(first);
+    }
+    rows
+}
+
+/// A standby that says the same is not worth a byte; one that says something else is the first thing to look at.
+#[test]
+fn a_level_leaves_out_what_it_says_and_notes_the_digest_of_all() {
+    let dir = tempfile::tempdir().unwrap();
+    let machine = machine(&["X", "Y"]);
+    let record = |level: LogLevel| {
+        let folder = dir.path().join(level.to_string());
+        std::fs::create_dir(&folder).unwrap();
+        let mut recorder = Recorder::create_part(&folder, &machine, &info(), level).unwrap();
+        for scan in 0..1500u64 {
+            for axis in 0..2 {
+                for role in 0..2 {
+                    let mut command = AxisCommand::zeroed();
+                    (command.scan, command.visible_from) = (scan, scan);
+                    (command.axis, command.role) = (axis, role);
+                    command.state[7] = scan;
+                    // In one scan the standby of Y differs.
+                    command.position = i64::from(scan == 300 && axis == 1 && role == 1);
+                    recorder
+                        .record(SampleRef::Command(axis as usize, &command))
+                        .unwrap();
+                }
+            }
+            let mut instruments = Instruments::zeroed();
+            (instruments.scan, instruments.visible_from) = (scan, scan);
+            instruments.motion_digest_low = 7 + scan;
+            recorder
+                .record(SampleRef::Instruments(&instruments))
+                .unwrap();
+            let mut feedback = Feedback::zeroed();
+            feedback.scan = scan;
+            // The machine trips in one.
+            feedback.mode = u32::from(scan >= 700);
+            recorder.record(SampleRef::Feedback(&feedback)).unwrap();
+        }
+        let digest = recorder.finish(&RunEnd::default()).unwrap();
+        let path = folder.join(LOG_FILE);
+        let mut reader = Reader::open(&path).unwrap();
+        let commands = reader
+            .by_ref()
+            .filter(|sample| matches!(sample, Ok(Sample::Command(command)) if command.role == 1));
+        let of_standby = commands.count();
+        let end = reader.end().unwrap().clone();
+        assert_eq!(reader.digest(), Some(digest.clone()));
+        assert_eq!(end.motion_digest, Some(crate::digest::hex(1506)));
+        (digest, of_standby, end.commands_alike, rows_by_topic(&path))
+    };
+    let (full, of_standby, alike, rows) = record(LogLevel::Full);
+    assert_eq!((of_standby, alike), (3000, 0));
+    assert!(!rows.contains_key("/servo_state/X"));
+    for (level, instruments) in [(LogLevel::Control, Some(&1500)), (LogLevel::Axes, None)] {
+        let (digest, of_standby, alike, rows) = record(level);
+        assert_eq!((of_standby, alike), (1, 2999), "{level}");
+        assert_eq!(digest, full, "{level}");
+        assert_eq!(rows["/feedback"], 1500);
+        assert_eq!(rows["/command/X"], 1500);
+        assert_eq!(rows.get("/instruments"), instruments, "{level}");
+        if level == LogLevel::Control {
+            // At the beginning, behind the trip, and every thousand scans.
+            assert_eq!(rows["/servo_state/X"], 3);
+        }
     }
 }

@@ -1,13 +1,20 @@
 //! What is skimmed of a log is what reading it from end to end finds.
 
 use bytemuck::Zeroable;
+use machine::LogLevel;
 use monitor::log::{LOG_FILE, Recorder, RunEnd, RunInfo, RunLog, SampleRef};
 
 use super::*;
 use crate::test_support::machine;
 
 fn begin(dir: &Path) -> Recorder {
-    Recorder::create_part(dir, &machine(&["X", "Y"]), &RunInfo::default()).unwrap()
+    Recorder::create_part(
+        dir,
+        &machine(&["X", "Y"]),
+        &RunInfo::default(),
+        LogLevel::Full,
+    )
+    .unwrap()
 }
 
 fn roster(recorder: &mut Recorder, version: u64) {

@@ -110,6 +110,7 @@ impl Feed {
             }
         }
         self.model.feedback_age_s = self.heard.elapsed().as_secs_f64();
+        self.model.scarce = monitor::room::scarce(&self.cell.place);
         while let Some(roster) = ports.roster.any() {
             self.model.roster(&roster);
         }

@@ -43,6 +43,8 @@ pub struct Model {
     pub feedback: Option<Feedback>,
     /// For how long it has been the newest, in s.
     pub feedback_age_s: f64,
+    /// Why less is recorded than was asked for.
+    pub scarce: Option<String>,
     /// The newest word of the planner.
     pub planner: Option<PlannerStatus>,
     /// The program, if it could be read.
@@ -93,6 +95,7 @@ impl Model {
             pace: None,
             feedback: None,
             feedback_age_s: 0.0,
+            scarce: None,
             planner: None,
             program: None,
             course: None,

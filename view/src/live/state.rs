@@ -52,7 +52,10 @@ fn of(model: &Model) -> CellState {
     let period_s = model.machine.scan_period_s();
     let mut axes = axes(model);
     let readout = dro::of(model, &mut axes);
-    let says = model.says();
+    let mut says = model.says();
+    if let Some(scarce) = &model.scarce {
+        says.next = format!("{}; {scarce}", says.next);
+    }
     let mut state = CellState {
         cell: model.cell.clone(),
         pace: model.pace.map(|pace| pace.word().into()),

@@ -57,6 +57,7 @@ pub fn text(served: &Served, dialect: Dialect) -> Result<String, Error> {
             .and_then(|of| of.out.as_deref())
             .map_or(0, log_bytes),
         samples_lost: monitor::losses::lost_samples(&served.place),
+        room_is_scarce: monitor::room::scarce(&served.place).is_some(),
         program: program(served, cell.as_ref()),
     }));
     let mut text = String::with_capacity(32 << 10);
@@ -139,6 +140,7 @@ struct Snapshot {
     now_ns: u64,
     log_bytes: u64,
     samples_lost: u64,
+    room_is_scarce: bool,
     program: String,
 }
 
@@ -363,6 +365,13 @@ impl Snapshot {
         let help = "Scans that the recorder did not get, and receptions that failed.";
         let lost = Some(self.samples_lost);
         families.counter("recorder_lost_samples", "", help, lost)?;
+        let help = "1 while less is recorded than was asked for, because the disk is almost full.";
+        families.gauge(
+            "recorder_room_scarce",
+            "",
+            help,
+            Some(f64::from(self.room_is_scarce)),
+        )?;
         let help = "Bytes of the log that are in its files.";
         families.counter("log", "bytes", help, Some(self.log_bytes))
     }

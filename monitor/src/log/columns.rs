@@ -1,0 +1,244 @@
+//! Samples of many scans as one message, number by number: what stands still costs nothing, and who reads a number has all its
+//! values in one array.
+//!
+//! A message is `rows`, how many samples it holds, and for each number an array: with as many values as there are samples; with one,
+//! where it is the same in all of them; with two, a first value and a step, where a whole number rises by the same step.
+
+use super::codec::ENCAPSULATION;
+use super::layout::{Layout, Number};
+
+/// Most samples in a message.
+pub(super) const ROWS_MAX: usize = 512;
+
+/// How the samples of one type are written in columns. A row is the message that one sample would be.
+#[derive(Debug, Clone)]
+pub(super) struct Columns {
+    pub(super) schema_name: String,
+    pub(super) schema: String,
+    pub(super) row: Layout,
+    /// Where in a row the scan is in which a sample becomes visible, in bytes; a row for people has none, and nobody reads it back.
+    pub(super) visible_from: usize,
+}
+
+impl Columns {
+    pub(super) fn of(row: Layout) -> Columns {
+        let declared = row.numbers.iter();
+        let declared = declared.map(|number| format!("{}[] {}\n", number.kind, number.name));
+        let mut at = 0;
+        let mut visible_from = 0;
+        for number in &row.numbers {
+            if number.name == "visible_from" {
+                visible_from = at;
+            }
+            at += number.piece.1;
+        }
+        Columns {
+            schema_name: format!("{}Columns", row.schema_name),
+            schema: std::iter::once("uint32 rows\n".to_string())
+                .chain(declared)
+                .collect(),
+            visible_from,
+            row,
+        }
+    }
+
+    /// Appends the body of the message that these rows are to a message that has its encapsulation header.
+    pub(super) fn encode(&self, rows: &[u8], message: &mut Vec<u8>) {
+        let row_bytes = self.row.bytes.max(1);
+        put(message, (rows.len() / row_bytes) as u64, 4);
+        let mut at = 0;
+        for number in &self.row.numbers {
+            let bytes = number.piece.1;
+            let values = rows
+                .chunks_exact(row_bytes)
+                .filter_map(|row| value(row.get(at..at + bytes)?));
+            put_column(number, values, message);
+            at += bytes;
+        }
+    }
+
+    /// The rows of a message's body, one behind the other; none if it does not fit.
+    pub(super) fn decode(&self, body: &[u8]) -> Option<Vec<u8>> {
+        let mut taken = Taken { body, at: 0 };
+        let count = taken.value(4)? as usize;
+        if count > ROWS_MAX {
+            return None;
+        }
+        let row_bytes = self.row.bytes;
+        let mut rows = vec![0; count * row_bytes];
+        let mut at = 0;
+        for number in &self.row.numbers {
+            let bytes = number.piece.1;
+            let mut places = rows
+                .chunks_exact_mut(row_bytes)
+                .filter_map(|row| row.get_mut(at..at + bytes));
+            let length = taken.value(4)? as usize;
+            let step = match length {
+                2 if count != 2 && number.is_whole() => Some(taken.column_of_steps(bytes)?),
+                1 => Some((taken.value(bytes)?, 0)),
+                _ if length == count => None,
+                _ => return None,
+            };
+            for (row, place) in places.by_ref().enumerate() {
+                let value = match step {
+                    Some((first, step)) => first.wrapping_add(step.wrapping_mul(row as u64)),
+                    None => taken.value(bytes)?,
+                };
+                place.copy_from_slice(value.to_le_bytes().get(..bytes)?);
+            }
+            at += bytes;
+        }
+        (taken.at == body.len()).then_some(rows)
+    }
+}
+
+impl Number {
+    fn is_whole(&self) -> bool {
+        !self.kind.starts_with("float")
+    }
+}
+
+/// The value in these bytes, as it stands there.
+fn value(bytes: &[u8]) -> Option<u64> {
+    match bytes.len() {
+        4 => Some(u32::from_le_bytes(bytes.try_into().ok()?).into()),
+        _ => Some(u64::from_le_bytes(bytes.try_into().ok()?)),
+    }
+}
+
+/// Appends a value of so many bytes, at a multiple of its length from the encapsulation header on.
+fn put(message: &mut Vec<u8>, value: u64, bytes: usize) {
+    let start = ENCAPSULATION.len();
+    message.resize(start + (message.len() - start).next_multiple_of(bytes), 0);
+    message.extend_from_slice(value.to_le_bytes().get(..bytes).unwrap_or_default());
+}
+
+fn put_column(number: &Number, values: impl Iterator<Item = u64> + Clone, message: &mut Vec<u8>) {
+    let bytes = number.piece.1;
+    let mask = u64::MAX >> (64 - 8 * bytes);
+    let pairs = values.clone().zip(values.clone().skip(1));
+    let mut steps = pairs.map(|(one, next)| next.wrapping_sub(one) & mask);
+    let step = steps.next().unwrap_or(0);
+    let is_even = (step == 0 || number.is_whole()) && steps.all(|other| other == step);
+    let first = values.clone().next().unwrap_or(0);
+    let count = values.clone().count();
+    if is_even && step == 0 && count > 0 {
+        put(message, 1, 4);
+        put(message, first, bytes);
+    } else if is_even && count > 2 {
+        put(message, 2, 4);
+        put(message, first, bytes);
+        put(message, step, bytes);
+    } else {
+        put(message, count as u64, 4);
+        put(message, first, bytes);
+        // What stands behind the first value is aligned as it is.
+        let rest = values.skip(1).map(u64::to_le_bytes);
+        rest.for_each(|value| message.extend_from_slice(value.get(..bytes).unwrap_or_default()));
+    }
+}
+
+/// What of a body has been taken.
+struct Taken<'a> {
+    body: &'a [u8],
+    at: usize,
+}
+
+impl Taken<'_> {
+    fn value(&mut self, bytes: usize) -> Option<u64> {
+        let at = self.at.next_multiple_of(bytes);
+        self.at = at.checked_add(bytes)?;
+        value(self.body.get(at..self.at)?)
+    }
+
+    fn column_of_steps(&mut self, bytes: usize) -> Option<(u64, u64)> {
+        Some((self.value(bytes)?, self.value(bytes)?))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use bus::sample::{Feedback, MAX_AXES};
+    use bytemuck::Zeroable;
+    use proptest::prelude::*;
+
+    use super::super::layout::Extent;
+    use super::*;
+
+    fn columns(axes: usize) -> Columns {
+        let letters = ["X", "Y", "Z", "A", "B", "C", "U", "V"];
+        let extent = Extent {
+            axes: letters
+                .iter()
+                .take(axes)
+                .map(|axis| axis.to_string())
+                .collect(),
+            subsamples: 4,
+        };
+        Columns::of(Layout::of::<Feedback>(&extent))
+    }
+
+    fn message(columns: &Columns, rows: &[u8]) -> Vec<u8> {
+        let mut message = ENCAPSULATION.to_vec();
+        columns.encode(rows, &mut message);
+        message
+    }
+
+    /// Rows in which a number stands still, rises by a step, or does as it likes.
+    fn rows(columns: &Columns, kinds: &[u8], count: usize, seed: u64) -> Vec<u8> {
+        let mut rows = Vec::new();
+        let mut noise = seed | 1;
+        for row in 0..count as u64 {
+            let numbers = columns.row.numbers.iter().zip(kinds.iter().cycle());
+            for (number, kind) in numbers {
+                noise ^= noise << 13;
+                noise ^= noise >> 7;
+                noise ^= noise << 17;
+                let value = match kind {
+                    0 => seed,
+                    1 => seed.wrapping_add(row.wrapping_mul(seed >> 3)),
+                    _ => noise,
+                };
+                rows.extend_from_slice(&value.to_le_bytes()[..number.piece.1]);
+            }
+        }
+        rows
+    }
+
+    proptest! {
+        #[test]
+        fn columns_give_the_rows_back_to_the_bit(
+            axes in 1..=MAX_AXES, kinds in proptest::collection::vec(0..3u8, 1..40), count in 1..=9usize, seed: u64
+        ) {
+            let columns = columns(axes);
+            let rows = rows(&columns, &kinds, count, seed);
+            let message = message(&columns, &rows);
+            prop_assert_eq!(columns.decode(&message[ENCAPSULATION.len()..]), Some(rows));
+        }
+
+        #[test]
+        fn a_damaged_message_is_refused_or_is_rows(at in any::<proptest::sample::Index>(), byte: u8, cut in any::<proptest::sample::Index>()) {
+            let columns = columns(2);
+            let mut message = message(&columns, &rows(&columns, &[0, 1, 2], 7, 77));
+            let at = at.index(message.len());
+            message[at] = byte;
+            message.truncate(cut.index(message.len()) + 1);
+            if let Some(rows) = columns.decode(message.get(ENCAPSULATION.len()..).unwrap_or_default()) {
+                prop_assert_eq!(rows.len() % columns.row.bytes, 0);
+            }
+        }
+    }
+
+    #[test]
+    fn what_stands_still_or_rises_evenly_costs_next_to_nothing() {
+        let columns = columns(2);
+        let mut all = Vec::new();
+        for scan in 0..ROWS_MAX as u64 {
+            let mut feedback = Feedback::zeroed();
+            (feedback.scan, feedback.visible_from) = (scan, scan);
+            columns.row.encode(bytemuck::bytes_of(&feedback), &mut all);
+        }
+        let bytes = message(&columns, &all).len();
+        assert!(bytes < 16 * columns.row.numbers.len(), "{bytes} bytes");
+    }
+}
