@@ -1,14 +1,16 @@
 //! What the levels of a log keep, leave out and cost.
 
+use std::path::Path;
+
 use serde_json::Value;
 
 use crate::support::{Bench, circle_program, number, root, run_with, text};
 
 /// The report of a run at a level, without what the clock says, and the bytes of its log in a scan.
-fn at_level(machine: &str, program: &str, level: &str, more: &[&str]) -> (Value, f64) {
+fn at_level(machine: &str, program: &Path, level: &str, more: &[&str]) -> (Value, f64) {
     let folder = root().join("machines").join(machine);
     let args = [&["--log", level, "--no-learned"], more].concat();
-    let run = run_with(&folder, &folder.join("programs").join(program), &args);
+    let run = run_with(&folder, program, &args);
     let log = std::fs::metadata(run.out.join("run.mcap")).expect("a log");
     let mut report = run.good_report();
     let bytes = log.len() as f64 / number(&report, "/scans");
@@ -43,27 +45,27 @@ fn differences(one: &Value, other: &Value, at: &str, found: &mut Vec<String>) {
 #[test]
 fn a_report_is_the_same_to_the_last_digit_from_control_and_full_and_never_a_wrong_number_from_axes()
 {
-    for (machine, program, faults, bytes_max) in [
-        (
-            "xy",
-            "circle-r25-f3000.ngc",
-            "planner-at-every-reversal.toml",
-            400.0,
-        ),
-        ("xyz-mill", "helix.ngc", "kill-everybody.toml", 500.0),
+    // A servo of a machine with standbys, and the planner of one without.
+    let folder = tempfile::tempdir().expect("a folder");
+    let faults = folder.path().join("faults.toml");
+    let more = ["--faults", faults.to_str().expect("a path")];
+    let program = folder.path().join("helix.ngc");
+    for (machine, down, process, bytes_max) in [
+        ("xy", "", "planner", 400.0),
+        ("xyz-mill", "Z-5", "servo-X", 500.0),
     ] {
-        let faults = root()
-            .join("machines")
-            .join(machine)
-            .join("faults")
-            .join(faults);
-        let more = ["--faults", faults.to_str().expect("a path")];
-        let (full, _) = at_level(machine, program, "full", &more);
-        let (control, bytes) = at_level(machine, program, "control", &more);
+        let turn = format!("G3 X25 Y0 I-25 J0 {down} F3000\n");
+        let text = format!("G21 G17 G90 G91.1 G94\nG0 X25 Y0\n{turn}{turn}{turn}M2\n");
+        std::fs::write(&program, text).expect("a program");
+        let script =
+            format!("[[fault]]\nat = {{ scan = 3000 }}\nprocess = \"{process}\"\ndo = \"kill\"\n");
+        std::fs::write(&faults, script).expect("a fault script");
+        let (full, _) = at_level(machine, &program, "full", &more);
+        let (control, bytes) = at_level(machine, &program, "control", &more);
         assert_eq!(full, control, "{machine}");
         assert!(bytes <= bytes_max, "{machine}: {bytes} bytes a scan");
 
-        let (axes, fewer) = at_level(machine, program, "axes", &more);
+        let (axes, fewer) = at_level(machine, &program, "axes", &more);
         assert!(fewer < bytes, "{machine}: {fewer} bytes a scan");
         let mut found = Vec::new();
         differences(&full, &axes, "", &mut found);
