@@ -8,7 +8,7 @@ use std::time::Instant;
 use serde_json::Value;
 
 use crate::size;
-use crate::support::{Bench, number, root, text, traces_of, unique_cell};
+use crate::support::{Bench, endless_program, number, root, text, traces_of, unique_cell};
 
 const PROGRAM: &str = "machines/xy/programs/circle-r25-f3000.ngc";
 
@@ -130,6 +130,44 @@ fn a_disk_that_is_full_to_the_end_is_no_success() {
     let said = words(&output);
     assert!(said.contains("ended with 3"), "{said}");
     is_whole_but_for_its_log(&report_in(folder.path()), &said);
+}
+
+/// Somebody else fills the disk in the middle, and clears it again.
+#[test]
+fn where_the_disk_gets_scarce_less_is_recorded_until_there_is_room_again_and_it_is_said() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (bench, cell) = (Bench::patient("xy", &[]), unique_cell());
+    let program = bench.file("endless.ngc", &endless_program());
+    let script = format!(
+        "$Q run {} {} --pace realtime --cell {cell} --out $DISK/run &
+         runs() {{ $Q status --cell {cell} 2>&1 | grep -q RUNS; }}
+         less() {{ $Q status --cell {cell} 2>&1 | grep -q 'recorded no more than --log'; }}
+         all() {{ ! less; }}
+         until_it() {{ for i in $(seq 600); do $1 && return; sleep 0.1; done; echo never $1; }}
+         until_it runs
+         free=$(df --output=avail -B1 $DISK | tail -1)
+         head -c $((free - 1000000)) /dev/zero > $DISK/filler
+         until_it less
+         rm $DISK/filler
+         until_it all
+         $Q stop --cell {cell}; wait $!; echo ended with $?
+         cp $DISK/run/report.json {}",
+        bench.path().display(),
+        program.display(),
+        folder.path().display()
+    );
+    let Some(output) = with_disk(folder.path(), "64m", &script) else {
+        return;
+    };
+    let said = words(&output);
+    assert!(said.contains("ended with 1"), "{said}");
+    assert!(said.contains("recorded no more than --log"), "{said}");
+    assert!(said.contains("recorded as asked for again"), "{said}");
+    assert!(traces_of(&cell).is_empty());
+    let report = report_in(folder.path());
+    assert_eq!(text(&report, "/outcome/kind"), "interrupted", "{report}");
+    // What was left out is no number of its own.
+    assert!(number(&report, "/samples_lost") > 0.0, "{report}");
 }
 
 /// Runs a program under a limit of file sizes in kB; what it printed and how it ended.

@@ -11,6 +11,7 @@
 
 mod attached;
 mod behind;
+mod channels;
 pub(crate) mod codec;
 mod columns;
 mod derived;

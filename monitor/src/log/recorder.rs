@@ -2,83 +2,46 @@
 //! by an ignored test in `log/tests.rs`.
 
 use std::borrow::Cow;
-use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::BufWriter;
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use bus::sample::{AxisCommand, Setpoint, WindowHeader};
-use bus::service::ROLES;
+use bus::sample::AxisCommand;
 use machine::{LogLevel, Machine};
 use mcap::records::MessageHeader;
 use mcap::write::NoSeek;
 use mcap::{Attachment, Compression, WriteOptions, Writer};
 
-use super::behind::{Behind, Written, write_behind};
+use super::behind::{Written, write_behind};
+use super::channels::{
+    AXES, AxisChannels, Channel, EVENT, FEEDBACK, Form, INSTRUMENTS, PLANNER, ROSTER, Sink, WINDOW,
+    make_channels,
+};
 use super::codec::{Codec, ENCAPSULATION};
 use super::columns::{Columns, ROWS_MAX};
 use super::derived::{AxisRow, Rows};
 use super::error::LogError;
-use super::layout::{Extent, Layout, definitions_of, join_definitions};
+use super::layout::Extent;
 use super::parts;
 use super::run_info::{LEVEL, RunEnd, RunInfo};
 use super::sample::SampleRef;
-use crate::digest::{self, ChannelHash};
+use crate::digest;
 
-/// Uncompressed size of a chunk, in bytes.
-const CHUNK_BYTES: u64 = 2 << 20;
-/// The same of a log that is written beside another one.
-const SMALL_CHUNK_BYTES: u64 = 256 << 10;
-/// Effort of the compression (zstd): what each level costs and saves is in docs/developers/measurements.md.
-const COMPRESSION_LEVEL: u32 = 1;
+/// How a log is packed: uncompressed size of a chunk in bytes, and effort of the compression (zstd). What efforts cost and save is in
+/// docs/developers/measurements.md.
+type Packing = (u64, u32);
+const PACKING: Packing = (2 << 20, 1);
+/// The same of a log of some seconds that is written beside another one.
+const SMALL_PACKING: Packing = (512 << 10, 3);
 /// Longest time that samples stay in memory, by the clock and by the machine's.
 const FLUSH_PERIOD: Duration = Duration::from_millis(500);
 /// Scans between two looks at the clock.
 const SCANS_PER_CLOCK_LOOK: u32 = 16;
 
-const FEEDBACK: usize = 0;
-const INSTRUMENTS: usize = 1;
-const PLANNER: usize = 2;
-const ROSTER: usize = 3;
-const WINDOW: usize = 4;
-const EVENT: usize = 5;
-const AXES: usize = 6;
 /// Scans between two whole states of a servo at a level that has not all of them.
 const WHOLE_EVERY_SCANS: u64 = 1000;
-
-struct Channel {
-    id: u16,
-    sequence: u32,
-    topic: String,
-    counts: bool,
-    hash: ChannelHash,
-    /// The levels that have it.
-    levels: RangeInclusive<LogLevel>,
-    /// Samples that are written together; none where each is a message.
-    waiting: Option<Waiting>,
-}
-
-/// Rows that wait for the others of their time.
-struct Waiting {
-    columns: Columns,
-    rows: Vec<u8>,
-    /// Of the first row.
-    time_ns: u64,
-}
-
-/// What servos have said of an axis, and where it goes.
-struct AxisChannels {
-    /// Role a, role b (made when first heard).
-    roles: [Option<usize>; ROLES.len()],
-    whole: usize,
-    newest: [Option<Box<AxisCommand>>; ROLES.len()],
-    /// The next command goes in whole, with the state of its servo.
-    whole_is_due: bool,
-}
-
-type Sink = NoSeek<BufWriter<Behind>>;
 
 /// The log being written.
 pub struct Recorder {
@@ -130,7 +93,7 @@ impl Recorder {
             let settings = &mut info.to_mut().settings;
             settings.insert("part".into(), part.to_string());
         }
-        Self::begin(&path, file, machine, &info, level, CHUNK_BYTES)
+        Self::begin(&path, file, machine, &info, level, PACKING)
     }
 
     /// Begins a log at `path`, replacing what is there.
@@ -140,7 +103,7 @@ impl Recorder {
     #[cfg(test)]
     pub fn create(path: &Path, machine: &Machine, info: &RunInfo) -> Result<Recorder, LogError> {
         let file = File::create(path).map_err(LogError::of_file(path))?;
-        Self::begin(path, file, machine, info, LogLevel::Full, CHUNK_BYTES)
+        Self::begin(path, file, machine, info, LogLevel::Full, PACKING)
     }
 
     /// Begins a small log at `path`, where nothing may be yet. Commands of these scans are whole.
@@ -155,7 +118,7 @@ impl Recorder {
     ) -> Result<Recorder, LogError> {
         let file = File::create_new(path).map_err(LogError::of_file(path))?;
         let level = LogLevel::Control;
-        let begun = Self::begin(path, file, machine, info, level, SMALL_CHUNK_BYTES)?;
+        let begun = Self::begin(path, file, machine, info, level, SMALL_PACKING)?;
         Ok(Recorder { whole, ..begun })
     }
 
@@ -165,11 +128,11 @@ impl Recorder {
         machine: &Machine,
         info: &RunInfo,
         level: LogLevel,
-        chunk_bytes: u64,
+        packing: Packing,
     ) -> Result<Recorder, LogError> {
         let mut info = info.clone();
         info.settings.insert(LEVEL.into(), level.to_string());
-        let begun = Self::write_beginning(path, file, machine, &info, level, chunk_bytes);
+        let begun = Self::write_beginning(path, file, machine, &info, level, packing);
         begun.map_err(LogError::of_writer(path))
     }
 
@@ -179,13 +142,14 @@ impl Recorder {
         machine: &Machine,
         info: &RunInfo,
         level: LogLevel,
-        chunk_bytes: u64,
+        packing: Packing,
     ) -> Result<Recorder, mcap::McapError> {
+        let (chunk_bytes, effort) = packing;
         let (file, written) = write_behind(file)?;
         // Without seeking a chunk reaches the file whole: a killed recorder leaves a cut end, never a wrong length.
         let mut writer = WriteOptions::new()
             .compression(Some(Compression::Zstd))
-            .compression_level(COMPRESSION_LEVEL)
+            .compression_level(effort)
             .compression_threads(0)
             .chunk_size(Some(chunk_bytes))
             .profile("ros2")
@@ -521,138 +485,4 @@ impl Recorder {
         }
         Ok(())
     }
-}
-
-/// How the samples of a channel are written.
-enum Form {
-    Messages(Layout),
-    Columns(Columns),
-}
-
-impl Form {
-    fn channel(
-        self,
-        writer: &mut Writer<Sink>,
-        topic: &str,
-        from: LogLevel,
-    ) -> Result<Channel, mcap::McapError> {
-        let (name, schema) = match &self {
-            Form::Messages(layout) => (&layout.schema_name, &layout.schema),
-            Form::Columns(columns) => (&columns.schema_name, &columns.schema),
-        };
-        let schema = writer.add_schema(name, "ros2msg", schema.as_bytes())?;
-        // Asked for by MCAP's profile ros2; empty is what a recorder writes that knows of none.
-        let metadata = BTreeMap::from([("offered_qos_profiles".to_string(), String::new())]);
-        let id = writer.add_channel(schema, topic, "cdr", &metadata)?;
-        Ok(Channel {
-            id,
-            sequence: 0,
-            topic: topic.into(),
-            counts: digest::counts(topic),
-            hash: ChannelHash::default(),
-            levels: from..=LogLevel::Full,
-            waiting: match self {
-                Form::Messages(_) => None,
-                Form::Columns(columns) => Some(Waiting {
-                    columns,
-                    rows: Vec::new(),
-                    time_ns: 0,
-                }),
-            },
-        })
-    }
-}
-
-/// The channels of a log: all of them, those of each axis, that of the fieldbus.
-type Made = (Vec<Channel>, Vec<AxisChannels>, Option<usize>);
-
-fn make_channels(
-    writer: &mut Writer<Sink>,
-    machine: &Machine,
-    extent: &Extent,
-    level: LogLevel,
-) -> Result<Made, mcap::McapError> {
-    let Codec {
-        feedback,
-        instruments,
-        bus_cycle: cycle,
-        command,
-        planner,
-        roster,
-        ..
-    } = Codec::of_level(extent, level);
-    let columns = |row: Layout| Form::Columns(Columns::of(row));
-    let topic = |name: &str| name.to_string();
-    let mut plan = vec![
-        (topic("/feedback"), columns(feedback), LogLevel::Axes),
-        (
-            topic("/instruments"),
-            columns(instruments),
-            LogLevel::Control,
-        ),
-        (topic("/planner"), columns(planner), LogLevel::Control),
-        (topic("/roster"), Form::Messages(roster), LogLevel::Events),
-        (
-            topic("/window"),
-            Form::Messages(window_layout(extent)),
-            LogLevel::Control,
-        ),
-        (
-            topic("/event"),
-            Form::Messages(event_layout()),
-            LogLevel::Events,
-        ),
-    ];
-    for axis in &extent.axes {
-        let rows = columns(Layout::of::<AxisRow>(extent));
-        plan.push((format!("/axis/{axis}"), rows, LogLevel::Axes));
-    }
-    for axis in &extent.axes {
-        let commands = columns(command.clone());
-        plan.push((format!("/command/{axis}"), commands, LogLevel::Axes));
-    }
-    let bus_cycle = machine.bus.is_some().then_some(plan.len());
-    if bus_cycle.is_some() {
-        plan.push((topic("/bus_cycle"), columns(cycle), LogLevel::Control));
-    }
-    let states = plan.len();
-    for axis in &extent.axes {
-        let whole = columns(Layout::of::<AxisCommand>(extent));
-        plan.push((format!("/servo_state/{axis}"), whole, LogLevel::Control));
-    }
-    let mut channels = Vec::new();
-    for (topic, form, from) in plan {
-        channels.push(form.channel(writer, &topic, from)?);
-    }
-    for channel in channels.iter_mut().skip(states) {
-        // At the highest level every command is whole.
-        channel.levels = LogLevel::Control..=LogLevel::Control;
-    }
-    let commands = (0..extent.axes.len()).map(|axis| AxisChannels {
-        roles: [Some(AXES + extent.axes.len() + axis), None],
-        whole: states + axis,
-        newest: [None, None],
-        whole_is_due: true,
-    });
-    Ok((channels, commands.collect(), bus_cycle))
-}
-
-/// Layout of the header, schema of the whole message.
-fn window_layout(extent: &Extent) -> Layout {
-    let mut layout = Layout::of::<WindowHeader>(extent);
-    let body = "quadrant/WindowHeader header\nuint64 tail_checksum\nquadrant/Setpoint[] rows\n";
-    let mut definitions = vec![("Window".to_string(), body.to_string())];
-    definitions.extend(definitions_of::<WindowHeader>(extent));
-    for definition in definitions_of::<Setpoint>(extent) {
-        if !definitions.contains(&definition) {
-            definitions.push(definition);
-        }
-    }
-    layout.schema_name = "quadrant/msg/Window".into();
-    layout.schema = join_definitions(&definitions);
-    layout
-}
-
-fn event_layout() -> Layout {
-    Layout::text("Event", "uint64 scan\nstring process\nstring text\n")
 }
