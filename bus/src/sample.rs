@@ -595,18 +595,18 @@ table!(
 impl AxisCommand {
     /// Whether it drives an axis as another one does, to the bit, whoever sent them.
     pub fn drives_as(&self, other: &AxisCommand) -> bool {
-        let anonymous = |command: &AxisCommand| AxisCommand {
-            role: 0,
-            incarnation: 0,
+        let of_other = AxisCommand {
+            role: other.role,
+            incarnation: other.incarnation,
             // A window that one of them refused or does not hold yet is no part of what it drives.
-            refused: WindowId::NONE,
-            pending: WindowId::NONE,
-            // When it may be read, and that it was not damaged, is judged by whoever reads it.
-            visible_from: 0,
-            checksum: 0,
-            ..*command
+            refused: other.refused,
+            pending: other.pending,
+            // When it may be read, and that it was not damaged, is judged by the reader.
+            visible_from: other.visible_from,
+            checksum: other.checksum,
+            ..*self
         };
-        bytemuck::bytes_of(&anonymous(self)) == bytemuck::bytes_of(&anonymous(other))
+        bytemuck::bytes_of(&of_other) == bytemuck::bytes_of(other)
     }
 }
 

@@ -46,13 +46,14 @@ impl Columns {
     pub(super) fn encode(&self, rows: &[u8], message: &mut Vec<u8>) {
         let row_bytes = self.row.bytes.max(1);
         put(message, (rows.len() / row_bytes) as u64, 4);
+        let mut values = Vec::with_capacity(ROWS_MAX);
         let mut at = 0;
         for number in &self.row.numbers {
             let bytes = number.piece.1;
-            let values = rows
-                .chunks_exact(row_bytes)
-                .filter_map(|row| value(row.get(at..at + bytes)?));
-            put_column(number, values, message);
+            values.clear();
+            let rows = rows.chunks_exact(row_bytes);
+            values.extend(rows.filter_map(|row| value(row.get(at..at + bytes)?)));
+            put_column(number, &values, message);
             at += bytes;
         }
     }
@@ -113,28 +114,32 @@ fn put(message: &mut Vec<u8>, value: u64, bytes: usize) {
     message.extend_from_slice(value.to_le_bytes().get(..bytes).unwrap_or_default());
 }
 
-fn put_column(number: &Number, values: impl Iterator<Item = u64> + Clone, message: &mut Vec<u8>) {
+/// Appends a column; its values stand one behind the other, so that looking at them twice costs little.
+fn put_column(number: &Number, values: &[u64], message: &mut Vec<u8>) {
     let bytes = number.piece.1;
     let mask = u64::MAX >> (64 - 8 * bytes);
-    let pairs = values.clone().zip(values.clone().skip(1));
-    let mut steps = pairs.map(|(one, next)| next.wrapping_sub(one) & mask);
-    let step = steps.next().unwrap_or(0);
-    let is_even = (step == 0 || number.is_whole()) && steps.all(|other| other == step);
-    let first = values.clone().next().unwrap_or(0);
-    let count = values.clone().count();
-    if is_even && step == 0 && count > 0 {
+    let first = values.first().copied().unwrap_or(0);
+    let step = |pair: &[u64]| match pair {
+        [one, next] => next.wrapping_sub(*one) & mask,
+        _ => 0,
+    };
+    let mut steps = values.windows(2).map(step);
+    let rise = steps.next().unwrap_or(0);
+    let is_even = (rise == 0 || number.is_whole()) && steps.all(|other| other == rise);
+    if is_even && rise == 0 {
         put(message, 1, 4);
         put(message, first, bytes);
-    } else if is_even && count > 2 {
+    } else if is_even && values.len() > 2 {
         put(message, 2, 4);
         put(message, first, bytes);
-        put(message, step, bytes);
+        put(message, rise, bytes);
     } else {
-        put(message, count as u64, 4);
+        put(message, values.len() as u64, 4);
         put(message, first, bytes);
         // What stands behind the first value is aligned as it is.
-        let rest = values.skip(1).map(u64::to_le_bytes);
-        rest.for_each(|value| message.extend_from_slice(value.get(..bytes).unwrap_or_default()));
+        for value in values.iter().skip(1).map(|value| value.to_le_bytes()) {
+            message.extend_from_slice(value.get(..bytes).unwrap_or_default());
+        }
     }
 }
 

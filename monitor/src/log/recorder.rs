@@ -272,15 +272,17 @@ impl Recorder {
         let Some(said) = self.commands.get_mut(axis) else {
             return Ok(());
         };
-        let mut is_alike = false;
-        for (role, newest) in said.newest.iter_mut().enumerate() {
-            if role == command.role as usize {
-                **newest.get_or_insert_with(|| Box::new(*command)) = *command;
-            } else if let Some(other) = newest {
-                is_alike = other.scan == command.scan && other.drives_as(command);
-            }
+        let of_role = |role: usize| command.role as usize == role;
+        let is_alike = self.level != LogLevel::Full
+            && of_role(1)
+            && said
+                .newest
+                .as_ref()
+                .is_some_and(|of_a| of_a.scan == command.scan && of_a.drives_as(command));
+        let [_, of_b] = said.roles;
+        if of_role(0) && of_b.is_some() {
+            **said.newest.get_or_insert_with(|| Box::new(*command)) = *command;
         }
-        is_alike &= self.level != LogLevel::Full;
         self.commands_alike += u64::from(is_alike);
         let scan = command.scan;
         let is_due = said.whole_is_due || scan.is_multiple_of(WHOLE_EVERY_SCANS);

@@ -507,14 +507,15 @@ fn a_level_leaves_out_what_it_says_and_notes_the_digest_of_all() {
     assert!(!rows.contains_key("/servo_state/X"));
     for (level, instruments) in [(LogLevel::Control, Some(&1500)), (LogLevel::Axes, None)] {
         let (digest, of_standby, alike, rows) = record(level);
-        assert_eq!((of_standby, alike), (1, 2999), "{level}");
+        // The first of each axis, and the one that differs.
+        assert_eq!((of_standby, alike), (3, 2997), "{level}");
         assert_eq!(digest, full, "{level}");
         assert_eq!(rows["/feedback"], 1500);
         assert_eq!(rows["/command/X"], 1500);
         assert_eq!(rows.get("/instruments"), instruments, "{level}");
         if level == LogLevel::Control {
-            // At the beginning, behind the trip, and every thousand scans.
-            assert_eq!(rows["/servo_state/X"], 3);
+            // Of both at the beginning, behind the trip, and every thousand scans.
+            assert_eq!(rows["/servo_state/X"], 4);
         }
     }
 }
