@@ -1,43 +1,45 @@
 //! What must hold in every scan, whatever dies, hangs or lies (docs/developers/invariants.md). Pure: fed with what was published.
 //!
-//! - Rows that are executed keep every axis's speed and acceleration, judged on whole increments without tolerance, and lie
-//!   within one increment of the place that their tag names.
-//! - The command position is what was executed; with open loops it follows the encoder, and nothing moves by itself.
-//! - In hold at rest nothing moves, whoever comes back.
-//! - An axis without any servo trips the machine in the same scan; the axes come to rest together, no later than their
-//!   quick stops take, and no further from the path than they travel until then.
-//! - Scans are missed only where a fault says why, or where an axis has no servo.
+//! One judge in two layers. [`Feedbacks`] needs nothing but the feedbacks, some of which may be unseen: the soak has it of real
+//! processes. [`Judge`] adds what a cell in one process shows beside them:
+//!
+//! | name | in words | tolerance |
+//! |---|---|---|
+//! | setpoints | rows that are executed keep every axis's limits, on whole increments | none |
+//! | tags | a row that is executed lies where the tag of its scan says | 1 increment, or of the setpoints |
+//! | windows | what is in force was sent, begins at the command positions, and has the setpoint that the feedback names | none |
+//! | executed | the command positions are what was executed | none |
+//! | missed scans | scans are missed only where a fault says why, or where an axis has no servo | none |
+//! | lost servo | an axis without any servo trips the machine once it rests | none |
+//! | deviation | a trip leaves the path by no more than the axes travel until they stand | 0.02 s of lag, 0.05 mm |
+//! | table | a program that is done leaves the table at its end | in-position window and backlash |
 
 use std::sync::Arc;
 
 use audit::SetpointAudit;
 use bus::sample::{AxisFeedback, Cause, Feedback, Instruments, Job, MAX_AXES, Mode, Roster};
-use machine::{Machine, PositionFeedback, WithinPeriod};
+use machine::{Machine, WithinPeriod};
 use path::geometry::{AxisVector, Element};
 use path::limits::MotionLimits;
 use path::path_part::PathPart;
+use planner::CourseError;
 use plant_sim::plant_file::PlantFile;
+use program::Program;
 
 use crate::cell::{Published, Window};
+pub use feedbacks::Feedbacks;
+use feedbacks::{braking_s, fastest_mm_s};
+
+mod feedbacks;
 
 /// Windows that are remembered by their names.
 const WINDOWS_KNOWN: usize = 16;
-/// In hold at rest a window that was on its way may still come into force for so many periods.
-const HOLD_PERIODS: u32 = 3;
-/// A drive's own overshoot: share of the rapid speed, and mm/s.
-const OVERSHOOT: (f64, f64) = (0.05, 5.0);
-/// Braking may take longer than the quick stop of the speeds: torque, screw, the controller's last scan, in s.
-const BRAKING_SLACK_S: f64 = 0.06;
-/// Speed below which an axis stands, in mm/s.
-const STANDS_MM_S: f64 = 0.5;
 /// A silent servo's drive holds its last command for so many scans before the master commands it.
 const BLIND_SCANS: u32 = 3;
 /// Beyond the way until the stop: lag of the axes behind their commands, in s of way.
 const LAG_S: f64 = 0.02;
 /// And what the screw springs back, in mm.
 const SPRING_MM: f64 = 0.05;
-/// An axis without drive relaxes by no more, in µm.
-const RELAXES_UM: f64 = 20.0;
 /// Elements around the one under way in which the nearest place of the path is looked for.
 const AROUND: u32 = 2;
 
@@ -64,6 +66,14 @@ impl Course {
         text: &str,
     ) -> Result<Course, Box<dyn std::error::Error + Send + Sync>> {
         let program = program::resume_from(machine, &plant.start(machine)?, name, text)?;
+        Ok(Course::of_program(machine, program)?)
+    }
+
+    /// Of a program that is read.
+    ///
+    /// # Errors
+    /// It cannot be travelled on this machine: why.
+    pub fn of_program(machine: &Machine, program: Program) -> Result<Course, CourseError> {
         let start = program.start;
         let (windows, _) = planner::course(machine, program)?;
         let limits = windows.limits().clone();
@@ -81,6 +91,22 @@ pub struct Violation {
     pub scan: u64,
     /// What, with unit.
     pub what: String,
+}
+
+/// The first ones of a run.
+#[derive(Debug, Default)]
+pub struct Violations(pub Vec<Violation>);
+
+impl Violations {
+    /// More are not kept: a run that goes wrong goes wrong in every scan that follows.
+    const KEPT: usize = 40;
+
+    /// Notes one.
+    pub fn say(&mut self, scan: u64, what: String) {
+        if self.0.len() < Self::KEPT {
+            self.0.push(Violation { scan, what });
+        }
+    }
 }
 
 /// A stop on the path that no end of the program asked for.
@@ -123,17 +149,6 @@ pub fn is_driver_dead(roster: &Roster, index: usize, axis: &AxisFeedback) -> boo
     in_place.is_none_or(|servo| servo.incarnation != axis.taken_incarnation)
 }
 
-/// A trip under way.
-#[derive(Debug, Clone, Copy)]
-struct Trip {
-    since: u64,
-    /// By then all axes must stand, in scans from `since`.
-    stands_within: u64,
-    /// So far they may be from the path, in mm.
-    deviation_max_mm: f64,
-    stood: bool,
-}
-
 /// Judges one run.
 pub struct Judge<'a> {
     machine: &'a Machine,
@@ -145,13 +160,12 @@ pub struct Judge<'a> {
     executed: Option<[i64; MAX_AXES]>,
     /// Axes whose servo has died, and that have no other one: whoever comes is no driver before its first command is taken.
     unserved: [bool; MAX_AXES],
+    feedbacks: Feedbacks,
     before: Option<(Feedback, Instruments, bool)>,
-    held_scans: u32,
-    trip: Option<Trip>,
-    /// Encoders when the drives went off.
-    off_at: Option<[i64; MAX_AXES]>,
+    /// In a trip, so far the table may be from the path, in mm.
+    deviation_max_mm: Option<f64>,
     shown: Shown,
-    violations: Vec<Violation>,
+    violations: Violations,
 }
 
 impl std::fmt::Debug for Judge<'_> {
@@ -174,20 +188,16 @@ impl<'a> Judge<'a> {
             in_force: None,
             executed: None,
             unserved: [false; MAX_AXES],
+            feedbacks: Feedbacks::new(machine),
             before: None,
-            held_scans: 0,
-            trip: None,
-            off_at: None,
+            deviation_max_mm: None,
             shown: Shown::default(),
-            violations: Vec::new(),
+            violations: Violations::default(),
         }
     }
 
     fn say(&mut self, scan: u64, what: String) {
-        // One is enough to tell; a run that goes wrong goes wrong in every scan that follows.
-        if self.violations.len() < 8 {
-            self.violations.push(Violation { scan, what });
-        }
+        self.violations.say(scan, what);
     }
 
     /// Takes the next scan. `explained` says whether a fault is why an axis had no command in a scan.
@@ -198,6 +208,8 @@ impl<'a> Judge<'a> {
         }
         let surplus = self.known.len().saturating_sub(WINDOWS_KNOWN);
         self.known.drain(..surplus);
+        self.feedbacks
+            .take(self.course, feedback, &mut self.violations);
         let before = self.before.take();
         if let Some((before, _, unserved)) = &before {
             self.command_positions(before, feedback);
@@ -206,9 +218,6 @@ impl<'a> Judge<'a> {
         }
         self.serve(published);
         self.setpoints(before.as_ref().map(|(f, _, _)| f), feedback);
-        self.open_loops(before.as_ref().map(|(f, _, _)| f), feedback);
-        self.speeds(feedback);
-        self.hold(before.as_ref().map(|(f, _, _)| f), feedback);
         self.tables(before.as_ref(), feedback, published.instruments);
         self.shown.scans = feedback.scan;
         self.shown.mode = Mode::from_wire(feedback.mode);
@@ -402,114 +411,6 @@ impl<'a> Judge<'a> {
         }
     }
 
-    fn position(&self, feedback: &Feedback, index: usize) -> i64 {
-        let scale = self
-            .machine
-            .axes
-            .get(index)
-            .is_some_and(|a| a.feedback == PositionFeedback::Scale);
-        feedback.axes.get(index).map_or(0, |axis| {
-            if scale {
-                axis.scale_position
-            } else {
-                axis.motor_position
-            }
-        })
-    }
-
-    /// With open loops the command positions follow the encoders; without drives nothing moves.
-    fn open_loops(&mut self, before: Option<&Feedback>, feedback: &Feedback) {
-        let scan = feedback.scan;
-        let mode = Mode::from_wire(feedback.mode);
-        let was = before.map(|b| b.mode);
-        let settled = was == Some(feedback.mode);
-        let axes = self.machine.axes.len();
-        match mode {
-            Some(Mode::Tripped) if settled => {
-                for index in 0..axes {
-                    let off =
-                        feedback.axes[index].command_position - self.position(feedback, index);
-                    if off != 0 {
-                        self.say(
-                            scan,
-                            format!(
-                                "axis {index}: command position {off} increments off its encoder in a trip"
-                            ),
-                        );
-                    }
-                }
-            }
-            Some(Mode::Disabled) => {
-                let position: [i64; MAX_AXES] =
-                    std::array::from_fn(|index| self.position(feedback, index));
-                let same_side = before.is_none_or(|b| b.incarnation == feedback.incarnation);
-                let at = *self.off_at.get_or_insert(position);
-                for index in 0..axes {
-                    let axis = &self.machine.axes[index];
-                    let moved_um = (position[index] - at[index]) as f64 * axis.increment_mm() * 1e3;
-                    if moved_um.abs() > RELAXES_UM {
-                        self.say(
-                            scan,
-                            format!("axis {index}: moved {moved_um} µm with the drives off"),
-                        );
-                    }
-                    let Some(before) = before.filter(|_| settled && same_side) else {
-                        continue;
-                    };
-                    let command_position =
-                        feedback.axes[index].command_position - before.axes[index].command_position;
-                    if command_position != position[index] - self.position(before, index) {
-                        self.say(
-                            scan,
-                            format!(
-                                "axis {index}: its command position does not follow the encoder"
-                            ),
-                        );
-                    }
-                }
-                return;
-            }
-            _ => {}
-        }
-        self.off_at = None;
-    }
-
-    fn speeds(&mut self, feedback: &Feedback) {
-        for index in 0..self.machine.axes.len() {
-            let (axis, settings) = (&feedback.axes[index], &self.machine.axes[index]);
-            let (velocity, command) = (axis.velocity_mm_s, axis.velocity_command_mm_s);
-            let most = settings.rapid_mm_s * (1.0 + OVERSHOOT.0) + OVERSHOOT.1;
-            if velocity.is_nan() || velocity.abs() > most || !command.is_finite() {
-                self.say(
-                    feedback.scan,
-                    format!("axis {index}: {velocity} mm/s, commanded {command}: at most {most}"),
-                );
-            }
-        }
-    }
-
-    /// In hold at rest nothing moves.
-    fn hold(&mut self, before: Option<&Feedback>, feedback: &Feedback) {
-        let held =
-            feedback.hold == 1 && feedback.at_rest == 1 && feedback.mode == Mode::Enabled as u32;
-        let periods = self.machine.scan.interpolation_period_scans * HOLD_PERIODS;
-        if let Some(before) = before
-            && self.held_scans > periods
-            && feedback.hold == 1
-            && feedback.mode == Mode::Enabled as u32
-        {
-            let moved = feedback
-                .axes()
-                .iter()
-                .zip(before.axes())
-                .any(|(is, was)| is.command_position != was.command_position);
-            if moved {
-                self.say(feedback.scan, "the command moves in hold".into());
-            }
-        }
-        self.held_scans = if held { self.held_scans + 1 } else { 0 };
-    }
-
     fn tool(&self, instruments: &Instruments) -> AxisVector {
         let last = (instruments.subsamples as usize).saturating_sub(1);
         let mut table = AxisVector::zeros();
@@ -544,7 +445,7 @@ impl<'a> Judge<'a> {
             }
         }
         if feedback.mode != Mode::Tripped as u32 {
-            self.trip = None;
+            self.deviation_max_mm = None;
             return;
         }
         let Some((before, _, _)) = before else {
@@ -552,93 +453,47 @@ impl<'a> Judge<'a> {
         };
         if before.mode != Mode::Tripped as u32 {
             self.shown.trips += 1;
-            self.trip = Some(self.trip_of(before, feedback, &tool));
+            self.deviation_max_mm = Some(self.deviation_max_mm(before, feedback, &tool));
         }
-        let Some(trip) = self.trip else {
-            return;
-        };
-        let age = scan - trip.since;
-        let stands = feedback
-            .axes()
-            .iter()
-            .all(|axis| axis.velocity_mm_s.abs() < STANDS_MM_S);
-        if age > trip.stands_within && !stands && !trip.stood {
-            self.say(
-                scan,
-                format!(
-                    "an axis still moves {age} scans after the trip: at most {}",
-                    trip.stands_within
-                ),
-            );
-        }
-        if let Some(trip) = &mut self.trip {
-            trip.stood |= stands;
-        }
-        if !feedback.interrupted_at.is_off_path() {
+        if let Some(most) = self.deviation_max_mm
+            && !feedback.interrupted_at.is_off_path()
+        {
             let off_mm = self.distance_mm(&tool, feedback.interrupted_at.element, u32::MAX);
             self.shown.deviation_mm = self.shown.deviation_mm.max(off_mm);
-            if off_mm > trip.deviation_max_mm {
-                self.say(
-                    scan,
-                    format!(
-                        "{off_mm} mm from the path after a trip: at most {} mm",
-                        trip.deviation_max_mm
-                    ),
-                );
+            if off_mm > most {
+                let words = format!("{off_mm} mm from the path after a trip: at most {most} mm");
+                self.say(scan, words);
             }
         }
     }
 
     /// What a trip may cost: the way at the speeds of the trip until the slowest quick stop is over, the way of an axis whose
     /// servo was silent until the master commanded it, and the lag.
-    fn trip_of(&self, before: &Feedback, feedback: &Feedback, tool: &AxisVector) -> Trip {
-        let scan_s = self.machine.scan_period_s();
-        let (mut longest_s, mut speed_squared) = (0.0f64, 0.0);
-        let mut silent_scans = 0;
-        for (axis, settings) in feedback.axes().iter().zip(&self.machine.axes) {
-            let speed = axis
-                .velocity_mm_s
-                .abs()
-                .max(axis.velocity_command_mm_s.abs());
-            longest_s = longest_s.max(speed / settings.quick_stop_mm_s2);
-            speed_squared += speed * speed;
-        }
-        for axis in before.axes() {
-            silent_scans = silent_scans.max(axis.missed_in_a_row.min(BLIND_SCANS) + 1);
-        }
-        let speed = libm::sqrt(speed_squared);
+    fn deviation_max_mm(&self, before: &Feedback, feedback: &Feedback, tool: &AxisVector) -> f64 {
+        let longest_s = braking_s(self.machine, feedback);
+        let speeds = feedback.axes().iter().map(fastest_mm_s);
+        let speed = libm::sqrt(speeds.map(|speed| speed * speed).sum());
+        let silent = before.axes().iter().map(|axis| axis.missed_in_a_row);
+        let silent_scans = silent.max().map_or(0, |scans| scans.min(BLIND_SCANS) + 1);
         // On its way back, it was off the path already.
         let already_mm = if feedback.interrupted_at.is_off_path() {
             0.0
         } else {
             self.distance_mm(tool, feedback.interrupted_at.element, u32::MAX)
         };
-        let blind_s = f64::from(silent_scans) * scan_s + LAG_S;
-        Trip {
-            since: feedback.scan,
-            stands_within: libm::ceil((longest_s + BRAKING_SLACK_S) / scan_s) as u64,
-            deviation_max_mm: already_mm + speed * (blind_s + longest_s / 2.0) + SPRING_MM,
-            stood: false,
-        }
+        let blind_s = f64::from(silent_scans) * self.machine.scan_period_s() + LAG_S;
+        already_mm + speed * (blind_s + longest_s / 2.0) + SPRING_MM
     }
 
     /// The run has ended: what it has shown, and what must not be.
     pub fn end(mut self) -> (Shown, Vec<Violation>) {
+        self.feedbacks.end(self.course, &mut self.violations);
         let last = self.before.take();
         let finished = |f: &Feedback| f.mode == Mode::Finished as u32;
         if let Some((feedback, instruments, _)) = last.filter(|(f, _, _)| finished(f)) {
             let sample = (instruments.subsamples as usize).saturating_sub(1);
-            for index in 0..self.machine.axes.len() {
-                let settings = &self.machine.axes[index];
-                let end = self.course.end[index];
-                let off = feedback.axes[index].command_position - end;
-                if off != 0 {
-                    self.say(
-                        feedback.scan,
-                        format!("axis {index}: ends {off} increments off the programmed end"),
-                    );
-                }
-                let end_mm = end as f64 * settings.increment_mm();
+            for (index, settings) in self.machine.axes.iter().enumerate() {
+                let end_mm = self.course.end[index] as f64 * settings.increment_mm();
                 let off_um = (instruments.table_mm[index][sample] - end_mm) * 1e3;
                 let most = settings.in_position_um + settings.reversal.backlash_um;
                 if off_um.abs() > most {
@@ -649,6 +504,6 @@ impl<'a> Judge<'a> {
                 }
             }
         }
-        (self.shown, self.violations)
+        (self.shown, self.violations.0)
     }
 }

@@ -10,7 +10,7 @@ use bus::sample::{AnswerOutcome, Cause, Feedback, Job, MAX_AXES, Mode, Roster};
 use machine::Machine;
 
 use crate::cell::Published;
-use crate::invariants::Violation;
+use crate::invariants::{Violation, Violations};
 
 /// Of a return to the path: the machine is still so long before the program goes on, in s.
 const RETURN_SETTLES_S: f64 = 0.2;
@@ -54,7 +54,7 @@ pub struct Liveness<'a> {
     planner: u32,
     /// Axes that have lost a servo so far, a bit for each.
     lost: u32,
-    violations: Vec<Violation>,
+    violations: Violations,
 }
 
 impl<'a> Liveness<'a> {
@@ -70,7 +70,7 @@ impl<'a> Liveness<'a> {
             asked: [0; MAX_AXES],
             planner: 0,
             lost: 0,
-            violations: Vec::new(),
+            violations: Violations::default(),
         }
     }
 
@@ -126,13 +126,7 @@ impl<'a> Liveness<'a> {
 
     /// What must not be.
     pub fn end(self) -> Vec<Violation> {
-        self.violations
-    }
-
-    fn say(&mut self, scan: u64, what: String) {
-        if self.violations.len() < 4 {
-            self.violations.push(Violation { scan, what });
-        }
+        self.violations.0
     }
 
     fn has_progressed(&mut self, before: Option<&Feedback>, feedback: &Feedback) -> bool {
@@ -199,7 +193,7 @@ impl<'a> Liveness<'a> {
                 let words = format!(
                     "the standby of axis {axis} is there and has not come into step since scan {since}"
                 );
-                self.say(feedback.scan, words);
+                self.violations.say(feedback.scan, words);
             }
         }
     }
@@ -217,7 +211,8 @@ impl<'a> Liveness<'a> {
             return;
         }
         let Some(cause) = Cause::from_wire(feedback.cause) else {
-            self.say(feedback.scan, format!("cause {} is none", feedback.cause));
+            self.violations
+                .say(feedback.scan, format!("cause {} is none", feedback.cause));
             return;
         };
         let axis = feedback.cause_axis as usize;
@@ -262,7 +257,7 @@ impl<'a> Liveness<'a> {
                 "the machine says: {}, which has not happened",
                 cause.words()
             );
-            self.say(feedback.scan, words);
+            self.violations.say(feedback.scan, words);
         }
     }
 

@@ -3,14 +3,14 @@
 
 use bus::sample::{Feedback, Mode, Order};
 
-use crate::invariants::Violation;
+use crate::invariants::{Violation, Violations};
 
 /// Judges one run.
 #[derive(Debug, Default)]
 pub struct Promises {
     held: bool,
     stopped: bool,
-    violations: Vec<Violation>,
+    violations: Violations,
 }
 
 impl Promises {
@@ -39,7 +39,7 @@ impl Promises {
 
     /// The feedback that comes after these answers.
     pub fn take(&mut self, feedback: &Feedback) {
-        if feedback.mode != Mode::Enabled as u32 || self.violations.len() > 3 {
+        if feedback.mode != Mode::Enabled as u32 {
             return;
         }
         let broken = [
@@ -47,16 +47,14 @@ impl Promises {
             (self.stopped, "stop"),
         ];
         for (_, what) in broken.into_iter().filter(|(is_broken, _)| *is_broken) {
-            self.violations.push(Violation {
-                scan: feedback.scan,
-                what: format!("a {what} that was answered is forgotten"),
-            });
+            let words = format!("a {what} that was answered is forgotten");
+            self.violations.say(feedback.scan, words);
         }
     }
 
     /// What must not be.
     pub fn end(self) -> Vec<Violation> {
-        self.violations
+        self.violations.0
     }
 }
 

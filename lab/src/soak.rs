@@ -32,6 +32,7 @@ use rustix::process::{Signal, pidfd_send_signal};
 use tempfile::TempDir;
 use toml_edit::{DocumentMut, value};
 
+use crate::invariants::Course;
 use crate::options::SoakOptions;
 use cell::{Cell, Process, Start};
 use console::exit::{Failure, Kind, Outcome};
@@ -266,24 +267,24 @@ impl Soak<'_> {
             program: checked,
             ..
         } = check::load(self.scratch.path(), Some(&program), check::Depth::Whole).input()?;
-        let path = checked.map(|p| p.path).context("a program").environment()?;
+        let checked = checked.context("a program").environment()?;
+        let course = Course::of_program(&machine, checked).environment()?;
         let folder = self.places.as_ref().map(|places| places.disk.as_path());
         let folder = folder.unwrap_or_else(|| self.scratch.path());
         let out = folder.join(format!("run-{}", self.runs));
         let kept = self.scratch.path().join(format!("run-{}", self.runs));
         let published = self.scratch.path().join(format!("run-{}.txt", self.runs));
         let since = Instant::now();
-        let mut cell = Cell::start(&Start {
+        let start = Start {
             machine_folder: self.scratch.path(),
             machine: &machine,
             program: &program,
-            path: &path,
             pace: &self.options.pace,
             name: &self.cell_name,
             out: &out,
             published: &published,
-        })
-        .environment()?;
+        };
+        let mut cell = Cell::start(&start, course).environment()?;
         let violations_before = self.violation_count;
         let faults_before = self.faults;
         self.left.started(since, &mut self.tally);

@@ -32,6 +32,7 @@ mod seeds;
 mod short_elements;
 mod silent_servo;
 mod single_block;
+mod spoilt_feedbacks;
 mod spoilt_samples;
 mod start_at_line;
 mod time_optimal;

@@ -16,8 +16,9 @@ use bus::service::{Bus, RECORDER_DEPTH_SCANS};
 use bus::signal_page::SignalPage;
 use console::child;
 use machine::Machine;
-use path::geometry::Path as ProgramPath;
 use rustix::process::{Pid, Signal, kill_process, pidfd_send_signal};
+
+use crate::invariants::Course;
 
 use super::growth::Held;
 use super::judge::{self, Judge};
@@ -145,7 +146,6 @@ pub struct Start<'a> {
     pub machine_folder: &'a Path,
     pub machine: &'a Machine,
     pub program: &'a Path,
-    pub path: &'a ProgramPath,
     pub pace: &'a str,
     pub name: &'a str,
     pub out: &'a Path,
@@ -157,7 +157,7 @@ impl Cell {
     ///
     /// # Errors
     /// It does not come up.
-    pub fn start(start: &Start<'_>) -> anyhow::Result<Cell> {
+    pub fn start(start: &Start<'_>, course: Course) -> anyhow::Result<Cell> {
         let place = CellPaths::new(start.name)?;
         let published = File::create(start.published).context("a file for what the run says")?;
         let mut child = child::command("run")
@@ -190,7 +190,7 @@ impl Cell {
         // A reader is connected from its first look on.
         let first = feedback.any();
         let roster = rosters.newest(u64::MAX);
-        let mut judge = Judge::new(start.machine, start.path);
+        let mut judge = Judge::new(start.machine, course);
         if let Some(first) = first {
             judge.take(&first);
         }

@@ -255,12 +255,13 @@ impl Soak<'_> {
     }
 
     fn take_figures(&mut self, cell: &mut Cell) {
-        for words in std::mem::take(&mut cell.judge.violations) {
-            self.violated(words);
+        for of in std::mem::take(&mut cell.judge.violations).0 {
+            self.violated(format!("scan {}: {}", of.scan, of.what));
         }
-        self.judged += cell.judge.judged;
-        self.unseen += cell.judge.unseen;
-        self.off_path_max = self.off_path_max.max(cell.judge.off_path_increments_max);
+        let seen = &cell.judge.feedbacks;
+        self.judged += seen.judged;
+        self.unseen += seen.unseen;
+        self.off_path_max = self.off_path_max.max(seen.off_path_increments_max);
         self.status_age_max = self.status_age_max.max(cell.status_age_scans_max);
         self.status_looks += cell.status_looks;
         self.orders.0 += cell.orders.0;

@@ -1,36 +1,10 @@
-//! What must hold in every feedback, whatever dies: judged scan by scan, of the samples alone.
+//! What must hold of a run under soak: every feedback by the judge of all runs (`invariants::Feedbacks`), and beside it what a soak
+//! knows: which modes follow each other when nobody orders a stop, which trips its faults may cause, and how such a run may end.
 
-use std::collections::VecDeque;
+use bus::sample::{AxisFeedback, Cause, Feedback, Mode};
+use machine::Machine;
 
-use bus::sample::{AxisFeedback, Cause, Feedback, Mode, PathTag};
-use machine::{Machine, WithinPeriod};
-use path::geometry::Path;
-
-/// Violations kept in words; more are counted only.
-const WORDS_MAX: usize = 40;
-/// Scans back that a command's place on the path is known for.
-const TAGS_KEPT: usize = 2048;
-
-/// Bounds of one axis, in increments and scans.
-#[derive(Debug, Clone)]
-struct Bounds {
-    name: String,
-    increment_mm: f64,
-    /// Most increments per scan.
-    step: f64,
-    /// Most change of that per scan.
-    step_change: f64,
-    low: f64,
-    high: f64,
-}
-
-/// The last command of an axis.
-#[derive(Debug, Clone, Copy, Default)]
-struct Commanded {
-    /// It was the master's own.
-    is_own: bool,
-    scan: u64,
-}
+use crate::invariants::{Course, Feedbacks, Violations};
 
 /// What the machine did since it was last asked ([`Judge::reactions`]).
 #[derive(Debug, Clone, Copy, Default)]
@@ -71,19 +45,11 @@ pub enum Finish {
 /// Judges the feedbacks of one run.
 #[derive(Debug)]
 pub struct Judge {
-    bounds: Vec<Bounds>,
-    /// The program's path, where setpoints lie on it to the increment.
-    path: Option<Path>,
-    end: Vec<i64>,
-    before: Option<Feedback>,
-    /// Last steps of the command positions, in increments per scan, and over how many scans.
-    steps: Vec<Option<(f64, f64)>>,
-    /// Who has commanded the axes last, and for which scan.
-    commanded: Vec<Commanded>,
-    /// Where on the path the setpoints of the last scans are.
-    tags: VecDeque<(u64, PathTag)>,
+    machine: Machine,
+    course: Course,
+    /// Of the feedbacks alone.
+    pub feedbacks: Feedbacks,
     ends: bool,
-    watchdog_scans: u32,
     /// The trip that the machine is in is that of a master which was late, and its feedback shows by how much; or of drives on a bus
     /// that were left without frames.
     is_starved: bool,
@@ -91,22 +57,12 @@ pub struct Judge {
     stalled_in_trip: bool,
     /// What was done to the cell may leave drives on a bus without frames.
     pub drives_are_left: bool,
-    /// Drives on a bus stand where they stand, and come on once the run has begun.
-    starts_anywhere: bool,
-    /// They have not been on yet.
+    /// Drives on a bus stand where they stand, come on once the run has begun, and have not been on yet.
     comes_on: bool,
     /// Since they were last taken.
     pub reactions: Reactions,
-    /// In words.
-    pub violations: Vec<String>,
-    /// All of them.
-    pub violation_count: u64,
-    /// Feedbacks judged.
-    pub judged: u64,
-    /// Feedbacks that were not seen (this process was late).
-    pub unseen: u64,
-    /// Largest distance of a commanded point from its place on the path, in increments.
-    pub off_path_increments_max: f64,
+    /// What must not be.
+    pub violations: Violations,
 }
 
 impl Reactions {
@@ -128,52 +84,19 @@ impl Reactions {
 }
 
 impl Judge {
-    /// For a run of `path` on `machine`.
-    pub fn new(machine: &Machine, path: &Path) -> Judge {
-        let period_s = machine.scan_period_s();
-        let bounds: Vec<Bounds> = machine
-            .axes
-            .iter()
-            .map(|axis| {
-                let increment_mm = axis.increment_mm();
-                Bounds {
-                    name: axis.name.clone(),
-                    increment_mm,
-                    step: axis.rapid_mm_s * period_s / increment_mm * (1.0 + 1e-9) + 1.0,
-                    step_change: axis.acceleration_mm_s2 * period_s * period_s / increment_mm
-                        * (1.0 + 1e-9)
-                        + 2.0,
-                    low: axis.travel_min_mm / increment_mm - 1.0,
-                    high: axis.travel_max_mm / increment_mm + 1.0,
-                }
-            })
-            .collect();
-        let straight = machine.kinematics.is_none()
-            && machine.interpolation.within_period == WithinPeriod::Exact;
-        let end = path.end().unwrap_or_else(path::geometry::AxisVector::zeros);
-        let end = end.iter().zip(&bounds);
-        let end = end.map(|(mm, axis)| libm::round(mm / axis.increment_mm) as i64);
+    /// For a run of this course on `machine`.
+    pub fn new(machine: &Machine, course: Course) -> Judge {
         Judge {
-            end: if straight { end.collect() } else { Vec::new() },
-            path: straight.then(|| path.clone()),
-            steps: vec![None; bounds.len()],
-            commanded: vec![Commanded::default(); bounds.len()],
-            bounds,
-            before: None,
-            tags: VecDeque::new(),
+            feedbacks: Feedbacks::new(machine),
+            machine: machine.clone(),
+            course,
             ends: false,
-            watchdog_scans: machine.scan.watchdog_scans,
             is_starved: false,
             stalled_in_trip: false,
             drives_are_left: false,
-            starts_anywhere: machine.bus.is_some(),
             comes_on: machine.bus.is_some(),
             reactions: Reactions::default(),
-            violations: Vec::new(),
-            violation_count: 0,
-            judged: 0,
-            unseen: 0,
-            off_path_increments_max: 0.0,
+            violations: Violations::default(),
         }
     }
 
@@ -189,67 +112,34 @@ impl Judge {
 
     /// The newest feedback.
     pub fn newest(&self) -> Option<&Feedback> {
-        self.before.as_ref()
-    }
-
-    /// Notes a violation.
-    pub fn violated(&mut self, words: String) {
-        self.violation_count += 1;
-        if self.violations.len() < WORDS_MAX {
-            self.violations.push(words);
-        }
+        self.feedbacks.newest()
     }
 
     /// Takes one feedback, in order.
     pub fn take(&mut self, feedback: &Feedback) {
-        self.judged += 1;
-        let scan = feedback.scan;
-        let Some(mode) = Mode::from_wire(feedback.mode) else {
-            self.violated(format!(
-                "scan {scan}: mode {} does not exist",
-                feedback.mode
-            ));
+        let before = self.newest().copied();
+        let (course, found) = (&self.course, &mut self.violations);
+        let Some(mode) = self.feedbacks.take(course, feedback, found) else {
             return;
         };
-        if let Some(before) = self.before.take() {
+        if let Some(before) = before {
             let restarted = feedback.incarnation > before.incarnation;
-            if scan <= before.scan {
-                self.violated(format!("scan {scan} comes after scan {}", before.scan));
-            }
-            self.unseen += scan.saturating_sub(before.scan + 1);
-            let gap = scan > before.scan + 1;
-            if !gap {
+            if feedback.scan <= before.scan + 1 {
                 self.transition(feedback, mode, &before, restarted);
             }
             self.react(feedback, mode, &before, restarted);
-            if gap || restarted {
-                self.forget();
-            } else {
-                self.command_positions(feedback, mode, &before);
-            }
-        } else if mode != Mode::Enabled && scan == 0 && !self.starts_anywhere {
-            self.violated(format!("the run begins {}", mode.word()));
+        } else if mode != Mode::Enabled && feedback.scan == 0 && !self.comes_on {
+            found.say(0, format!("the run begins {}", mode.word()));
         }
-        self.travel(feedback, mode);
-        if mode == Mode::Disabled {
-            self.stands_by_encoders(feedback);
-        }
-        self.note_tag(feedback, mode);
-        self.before = Some(*feedback);
-    }
-
-    fn forget(&mut self) {
-        self.steps.iter_mut().for_each(|step| *step = None);
-        self.commanded.fill(Commanded::default());
-        self.tags.clear();
     }
 
     fn transition(&mut self, feedback: &Feedback, mode: Mode, before: &Feedback, restarted: bool) {
         let Some(from) = Mode::from_wire(before.mode) else {
             return;
         };
+        let watchdog_scans = self.machine.scan.watchdog_scans;
         let late_scans = feedback.overrun_scans.saturating_sub(before.overrun_scans);
-        if from == Mode::Tripped && late_scans >= self.watchdog_scans {
+        if from == Mode::Tripped && late_scans >= watchdog_scans {
             self.stalled_in_trip = true;
         }
         let allowed = match (from, mode) {
@@ -272,12 +162,8 @@ impl Judge {
             _ => false,
         };
         if !allowed || restarted && mode != Mode::Disabled {
-            self.violated(format!(
-                "scan {}: {} after {}",
-                feedback.scan,
-                mode.word(),
-                from.word()
-            ));
+            let words = format!("{} after {}", mode.word(), from.word());
+            self.violations.say(feedback.scan, words);
         }
         if mode == Mode::Enabled {
             self.stalled_in_trip = false;
@@ -286,12 +172,11 @@ impl Judge {
         if mode == Mode::Tripped && from != Mode::Tripped {
             // A machine that was stalled itself waits for its operator.
             self.is_starved =
-                feedback.cause == Cause::Stalled as u32 && late_scans >= self.watchdog_scans;
+                feedback.cause == Cause::Stalled as u32 && late_scans >= watchdog_scans;
             if feedback.cause == Cause::Stalled as u32 && !self.is_starved {
-                self.violated(format!(
-                    "scan {}: tripped by a stall, and the master was {late_scans} scans late",
-                    feedback.scan
-                ));
+                let words =
+                    format!("tripped by a stall, and the master was {late_scans} scans late");
+                self.violations.say(feedback.scan, words);
             }
             let lost =
                 [Cause::ServoLost, Cause::Watchdog, Cause::Stalled].map(|cause| cause as u32);
@@ -301,12 +186,9 @@ impl Judge {
             self.is_starved |= silent;
             if !lost.contains(&feedback.cause) && !silent {
                 let why = Cause::from_wire(feedback.cause).map_or("an unknown cause", Cause::words);
-                let axis = self.bounds.get(feedback.cause_axis as usize);
-                let axis = axis.map_or("none", |axis| axis.name.as_str());
-                self.violated(format!(
-                    "scan {}: tripped, axis {axis}: {why}",
-                    feedback.scan
-                ));
+                let axis = self.machine.axis_name(feedback.cause_axis as usize);
+                let words = format!("tripped, axis {axis}: {why}");
+                self.violations.say(feedback.scan, words);
             }
         }
     }
@@ -331,160 +213,12 @@ impl Judge {
         }
     }
 
-    /// Steps of the command positions within what velocity and acceleration allow; commanded points on the path.
-    fn command_positions(&mut self, feedback: &Feedback, mode: Mode, before: &Feedback) {
-        let commanded = |mode| {
-            matches!(
-                mode,
-                Mode::Enabled | Mode::Stopping | Mode::Finished | Mode::Stopped
-            )
-        };
-        // In the scan in which a trip ends the command position goes from the encoder's place to the command's.
-        let judged = commanded(mode) && Mode::from_wire(before.mode).is_some_and(commanded);
-        if !judged {
-            self.steps.iter_mut().for_each(|step| *step = None);
-            return;
-        }
-        let pairs = feedback.axes().iter().zip(before.axes()).enumerate();
-        for (index, (now, then)) in pairs {
-            let (Some(bounds), Some(last)) = (self.bounds.get(index), self.steps.get_mut(index))
-            else {
-                continue;
-            };
-            let Some(commanded) = self.commanded.get_mut(index) else {
-                continue;
-            };
-            let way = now.command_position.saturating_sub(then.command_position) as f64;
-            let since = commanded.scan.max(then.command_scan);
-            *commanded = Commanded {
-                is_own: now.command_scan == then.command_scan && (way != 0.0 || commanded.is_own),
-                scan: since,
-            };
-            // An axis whose servo is silent is brought to rest along the window by the master itself.
-            let at = match commanded.is_own && way != 0.0 {
-                true => feedback.scan.saturating_sub(1),
-                false => now.command_scan,
-            };
-            let scans = at.saturating_sub(since) as f64;
-            let mut broken = None;
-            if scans == 0.0 {
-                if way != 0.0 {
-                    broken = Some(format!(
-                        "its command position moved by {way} increments without a command"
-                    ));
-                }
-            } else {
-                commanded.scan = at;
-                let step = way / scans;
-                if step.abs() > bounds.step {
-                    broken = Some(format!(
-                        "{step:.0} increments a scan, limit {:.0}",
-                        bounds.step
-                    ));
-                }
-                if let Some((last_step, last_scans)) = *last {
-                    // Mean steps over several scans: their centres lie that far apart.
-                    let apart = (scans + last_scans) / 2.0;
-                    let change = (step - last_step).abs();
-                    if change > bounds.step_change * apart {
-                        broken = Some(format!(
-                            "step changes by {change:.0} increments, limit {:.0}",
-                            bounds.step_change * apart
-                        ));
-                    }
-                }
-                *last = Some((step, scans));
-            }
-            if let Some(words) = broken {
-                let words = format!("scan {}: axis {}: {words}", feedback.scan, bounds.name);
-                self.violated(words);
-            }
-        }
-        self.on_path(feedback);
-    }
-
-    fn note_tag(&mut self, feedback: &Feedback, mode: Mode) {
-        let on = matches!(mode, Mode::Enabled | Mode::Stopping)
-            && !feedback.window.is_none()
-            && !feedback.tag.is_off_path();
-        if on && self.path.is_some() {
-            self.tags.push_back((feedback.scan, feedback.tag));
-            if self.tags.len() > TAGS_KEPT {
-                self.tags.pop_front();
-            }
-        }
-    }
-
-    fn on_path(&mut self, feedback: &Feedback) {
-        let Some(path) = &self.path else { return };
-        let mut worst = None;
-        for (index, (axis, bounds)) in feedback.axes().iter().zip(&self.bounds).enumerate() {
-            // The tag tells where the servo's command lies, not the master's own.
-            if self.commanded.get(index).is_some_and(|axis| axis.is_own) {
-                continue;
-            }
-            let tag = self
-                .tags
-                .iter()
-                .rev()
-                .find(|(scan, _)| *scan == axis.command_scan);
-            let Some((_, tag)) = tag else { continue };
-            if self.starts_anywhere && tag.element == 0 {
-                // The way to where the program begins.
-                continue;
-            }
-            let Some(element) = path.elements.get(tag.element as usize) else {
-                continue;
-            };
-            let point = element.point(tag.distance_mm);
-            let Some(mm) = point.get(index) else { continue };
-            let off = (axis.command_position as f64 - mm / bounds.increment_mm).abs();
-            self.off_path_increments_max = self.off_path_increments_max.max(off);
-            if off > 1.0 {
-                worst = Some((bounds.name.clone(), off));
-            }
-        }
-        if let Some((axis, off)) = worst {
-            self.violated(format!(
-                "scan {}: axis {axis} is commanded {off:.1} increments off the path",
-                feedback.scan
-            ));
-        }
-    }
-
-    fn travel(&mut self, feedback: &Feedback, mode: Mode) {
-        let mut outside = None;
-        for (axis, bounds) in feedback.axes().iter().zip(&self.bounds) {
-            let command_position = axis.command_position as f64;
-            if mode != Mode::Disabled && !(bounds.low..=bounds.high).contains(&command_position) {
-                outside = Some(bounds.name.clone());
-            }
-        }
-        if let Some(axis) = outside {
-            self.violated(format!(
-                "scan {}: axis {axis} is commanded out of its travel",
-                feedback.scan
-            ));
-        }
-    }
-
-    fn stands_by_encoders(&mut self, feedback: &Feedback) {
-        let differs = feedback.axes().iter().any(|axis| {
-            ![axis.motor_position, axis.scale_position].contains(&axis.command_position)
-        });
-        if differs {
-            self.violated(format!(
-                "scan {}: drives off, and a command position is not where the encoder is",
-                feedback.scan
-            ));
-        }
-    }
-
     /// The run has ended: finished, with every command position at the programmed end, to the increment; or in the trip of a
     /// master that was late, which is a stop as it is documented. What it is to end with.
     pub fn finish(&mut self) -> Finish {
-        let Some(last) = self.before else {
-            self.violated("no feedback was ever seen".into());
+        let found = &mut self.violations;
+        let Some(last) = self.feedbacks.newest() else {
+            found.say(0, "no feedback was ever seen".into());
             return Finish::Broken;
         };
         if last.mode == Mode::Tripped as u32 && self.is_starved {
@@ -492,16 +226,10 @@ impl Judge {
         }
         if last.mode != Mode::Finished as u32 {
             let mode = Mode::from_wire(last.mode).map_or("in an unknown mode", Mode::word);
-            self.violated(format!("the run ended {mode} in scan {}", last.scan));
+            found.say(last.scan, format!("the run ended {mode}"));
             return Finish::Broken;
         }
-        let command_positions: Vec<i64> = last.axes().iter().map(|a| a.command_position).collect();
-        let end = self.end.get(..command_positions.len()).unwrap_or_default();
-        if !end.is_empty() && command_positions != end {
-            self.violated(format!(
-                "the program ends at {end:?}, the command positions at {command_positions:?}"
-            ));
-        }
+        self.feedbacks.end(&self.course, found);
         Finish::Done
     }
 }
@@ -509,20 +237,19 @@ impl Judge {
 #[cfg(test)]
 #[allow(clippy::expect_used)]
 mod tests {
-    use bus::sample::WindowId;
+    use bus::sample::{PathTag, WindowId};
     use bytemuck::Zeroable;
-    use path::geometry::{AxisVector, Element, Feed};
+    use plant_sim::plant_file::PlantFile;
 
     use super::*;
 
     fn judge() -> Judge {
         let folder = std::path::PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../machines/xy");
-        let machine = Machine::load(&folder.join("machine.toml")).expect("the machine");
-        let mut end = AxisVector::zeros();
-        end[0] = 10.0;
-        let line = Element::line(1, AxisVector::zeros(), end, Feed::Rapid);
-        let elements = vec![line];
-        Judge::new(&machine, &Path { elements })
+        let mut machine = Machine::load(&folder).expect("the machine");
+        machine.program.work_offset_mm.clear();
+        let plant = PlantFile::load(&folder.join("plant.toml")).expect("the plant");
+        let course = Course::of(&machine, &plant, "line.ngc", "G21 G90\nG0 X10\nM2\n");
+        Judge::new(&machine, course.expect("a course"))
     }
 
     /// Along the line at 10 mm/s: 10 µm a scan.
@@ -541,48 +268,48 @@ mod tests {
         for axis in &mut feedback.axes {
             axis.command_scan = scan.saturating_sub(1);
         }
-        feedback.axes[0].command_position = scan.saturating_sub(1) as i64 * 10_000;
+        let axis = &mut feedback.axes[0];
+        axis.command_position = scan.saturating_sub(1) as i64 * 10_000;
+        axis.motor_position = axis.command_position;
         feedback
     }
 
-    fn verdict(change: impl Fn(u64, &mut Feedback)) -> u64 {
-        let mut judge = judge();
+    /// Has it judge that motion, with this change of each feedback.
+    fn judged(mut judge: Judge, change: impl Fn(u64, &mut Feedback)) -> Judge {
         for scan in 0..20 {
             let mut feedback = at(scan);
             change(scan, &mut feedback);
             judge.take(&feedback);
         }
-        judge.violation_count
+        judge
     }
 
-    #[test]
-    fn motion_along_the_path_is_no_violation() {
-        assert_eq!(verdict(|_, _| {}), 0);
-    }
-
-    #[test]
-    fn a_command_position_off_the_path_is_seen() {
-        assert!(verdict(|scan, f| f.axes[1].command_position = i64::from(scan > 9) * 3) > 0);
-        assert_eq!(
-            verdict(|scan, f| f.axes[1].command_position = i64::from(scan > 9)),
-            0
-        );
+    /// The same with this mode and cause from the middle on, the master so many scans late.
+    fn judged_in(judge: Judge, mode: Mode, cause: Cause, late_scans: u32) -> Judge {
+        judged(judge, |scan, f| {
+            if scan > 9 {
+                f.mode = mode as u32;
+                f.cause = cause as u32;
+                f.overrun_scans = late_scans;
+            }
+        })
     }
 
     #[test]
     fn a_step_of_speed_is_seen_and_one_over_missed_scans_is_not() {
+        let found =
+            |change: &dyn Fn(u64, &mut Feedback)| judged(judge(), change).violations.0.len();
+        assert_eq!(found(&|_, _| {}), 0);
         // 5000 mm/s² is 5000 increments of change in a scan.
-        let jump = |scan: u64, f: &mut Feedback| f.tag.distance_mm += f64::from(u8::from(scan > 9));
         let with = |by: i64| {
-            verdict(move |scan, f| {
-                jump(scan, f);
+            found(&|scan, f| {
                 f.tag = PathTag::OFF_PATH;
                 f.axes[0].command_position += i64::from(scan > 9) * by;
             })
         };
         assert!(with(6_000) > 0);
         assert_eq!(with(4_000), 0);
-        let missed = verdict(|scan, f| {
+        let missed = found(&|scan, f| {
             if (8..12).contains(&scan) {
                 f.axes[0].command_scan = 6;
                 f.axes[0].command_position = 60_000;
@@ -593,14 +320,7 @@ mod tests {
 
     #[test]
     fn modes_change_only_as_documented() {
-        let into = |mode: Mode, cause: Cause| {
-            verdict(move |scan, f| {
-                if scan > 9 {
-                    f.mode = mode as u32;
-                    f.cause = cause as u32;
-                }
-            })
-        };
+        let into = |mode, cause| judged_in(judge(), mode, cause, 0).violations.0.len();
         assert_eq!(into(Mode::Tripped, Cause::ServoLost), 0);
         assert!(into(Mode::Tripped, Cause::BadValue) > 0);
         assert!(into(Mode::Jogging, Cause::None) > 0);
@@ -609,63 +329,23 @@ mod tests {
     }
 
     #[test]
-    fn a_run_may_end_in_the_trip_of_a_master_that_was_late_and_in_no_other() {
-        let watchdog_scans = judge().watchdog_scans;
-        for (cause, late_scans, finish, violations) in [
-            (Cause::Stalled, watchdog_scans, Finish::Starved, 0),
-            (Cause::Stalled, watchdog_scans - 1, Finish::Broken, 2),
-            (Cause::ServoLost, watchdog_scans, Finish::Broken, 1),
-            (Cause::FollowingError, 0, Finish::Broken, 2),
+    fn a_run_may_end_in_the_trip_of_a_late_master_or_of_drives_left_without_frames_and_in_no_other()
+    {
+        let watchdog_scans = judge().machine.scan.watchdog_scans;
+        for (cause, late_scans, drives_are_left, finish, violations) in [
+            (Cause::Stalled, watchdog_scans, false, Finish::Starved, 0),
+            (Cause::Stalled, watchdog_scans - 1, false, Finish::Broken, 2),
+            (Cause::ServoLost, watchdog_scans, false, Finish::Broken, 1),
+            (Cause::FollowingError, 0, false, Finish::Broken, 2),
+            (Cause::DriveLost, 0, true, Finish::Starved, 0),
+            (Cause::DriveLost, 0, false, Finish::Broken, 2),
         ] {
             let mut judge = judge();
-            for scan in 0..20 {
-                let mut feedback = at(scan);
-                if scan > 9 {
-                    feedback.mode = Mode::Tripped as u32;
-                    feedback.cause = cause as u32;
-                    feedback.overrun_scans = late_scans;
-                }
-                judge.take(&feedback);
-            }
+            judge.drives_are_left = drives_are_left;
+            let mut judge = judged_in(judge, Mode::Tripped, cause, late_scans);
             assert_eq!(judge.finish(), finish, "{cause:?} {late_scans}");
-            let words = &judge.violations;
-            assert_eq!(judge.violation_count, violations, "{cause:?} {words:?}");
-        }
-    }
-
-    #[test]
-    fn drives_on_a_bus_may_be_lost_only_where_they_were_left_without_frames() {
-        for (are_left, finish, violations) in
-            [(true, Finish::Starved, 0), (false, Finish::Broken, 2)]
-        {
-            let mut judge = judge();
-            judge.drives_are_left = are_left;
-            for scan in 0..20 {
-                let mut feedback = at(scan);
-                if scan > 9 {
-                    feedback.mode = Mode::Tripped as u32;
-                    feedback.cause = Cause::DriveLost as u32;
-                }
-                judge.take(&feedback);
-            }
-            assert_eq!(judge.finish(), finish);
-            assert_eq!(judge.violation_count, violations, "{:?}", judge.violations);
-        }
-    }
-
-    #[test]
-    fn a_run_that_does_not_end_at_the_programmed_point_is_seen() {
-        for (command_position, count) in [(10_000_000, 0), (10_000_001, 1)] {
-            let mut judge = judge();
-            let mut last = at(0);
-            last.axes[0].command_position = command_position;
-            last.tag.distance_mm = 10.0;
-            judge.take(&last);
-            last.scan = 1;
-            last.mode = Mode::Finished as u32;
-            judge.take(&last);
-            judge.finish();
-            assert_eq!(judge.violation_count, count, "{:?}", judge.violations);
+            let words = &judge.violations.0;
+            assert_eq!(judge.violations.0.len(), violations, "{cause:?} {words:?}");
         }
     }
 }
