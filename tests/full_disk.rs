@@ -13,7 +13,7 @@ use crate::support::{Bench, endless_program, number, root, text, traces_of, uniq
 const PROGRAM: &str = "machines/xy/programs/circle-r25-f3000.ngc";
 
 /// Runs a shell script in a mount namespace of its own, `$DISK` being a folder for a small disk; none where that is not permitted.
-fn with_disk(folder: &Path, size: &str, script: &str) -> Option<Output> {
+pub(crate) fn with_disk(folder: &Path, size: &str, script: &str) -> Option<Output> {
     let disk = folder.join("disk");
     std::fs::create_dir(&disk).expect("a folder");
     let mount = format!("mount -t tmpfs -o size={size} tmpfs {}", disk.display());

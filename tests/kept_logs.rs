@@ -1,10 +1,17 @@
-//! What is kept of runs: all of it, what the machine file says, or what `--log` says; and what is never removed.
+//! What is kept of runs: what a cell that stays up has room for, what the machine file says, or what `--log` says; and what is never
+//! removed.
 
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::Output;
+use std::time::Instant;
 
-use crate::support::{Bench, LiveCell, circle_program, quadrant, traces_of, unique_cell};
+use serde_json::Value;
+
+use crate::full_disk::with_disk;
+use crate::support::{
+    Bench, LiveCell, PATIENCE, circle_program, quadrant, send, traces_of, unique_cell,
+};
 use crate::up::{ask, obeyed};
 
 const PROGRAM: &str = "G21 G90\nG1 X10 F6000\nM2\n";
@@ -77,6 +84,174 @@ fn runs_above_what_is_kept_go_the_oldest_first_and_nothing_of_others() {
             && said.contains("keep_mb = 10"),
         "{said}"
     );
+}
+
+/// In the folder of a cell.
+#[test]
+fn a_run_with_a_black_box_goes_after_those_without_and_a_marked_one_stays() {
+    let bench = Bench::of("xy", &[("[scan]\n", "[log]\nkeep_mb = 15\n\n[scan]\n")]);
+    let cell = "xy-up-20200101-000000";
+    for run in ["001-part", "002-part", "003-part", "004-part"] {
+        old_run(&bench, &format!("{cell}/{run}"), "xy", 6);
+        std::thread::sleep(std::time::Duration::from_millis(20));
+    }
+    let folder = bench.path().join("runs").join(cell);
+    let (text, others) = (
+        folder.join("001-part/machine.toml"),
+        bench.path().join("others"),
+    );
+    fs::copy(&text, folder.join("machine.toml")).expect("a machine");
+    fs::write(folder.join("001-part/black-box-9-trip.mcap"), "").expect("a box");
+    fs::write(folder.join("002-part/marked"), "").expect("a mark");
+    fs::create_dir(folder.join("000-notes")).expect("a folder");
+    fs::rename(folder.join("003-part"), &others).expect("a folder");
+    std::os::unix::fs::symlink(&others, folder.join("003-part")).expect("a link");
+    let done = run_there(&bench, &[]);
+    assert_eq!(done.status.code(), Some(0), "{}", words(&done));
+    let there = |run: &str| folder.join(run).exists();
+    let all = ["000-notes", "001-part", "002-part", "003-part", "004-part"];
+    assert_eq!(all.map(there), [true, true, true, true, false]);
+    // Marked ones alone take more than that.
+    let log = fs::File::create(folder.join("002-part/run.mcap")).expect("a log");
+    log.set_len(20_000_000).expect("a size");
+    let done = run_there(&bench, &[]);
+    assert_eq!(all.map(there), [true, false, true, true, false]);
+    assert!(words(&done).contains("none may go"), "{}", words(&done));
+}
+
+/// Runs a program that is loaded; its run directory, once its report is made.
+fn run_loaded(cell: &LiveCell, program: &Path, run: usize) -> PathBuf {
+    obeyed(cell, &["load", &program.display().to_string()]);
+    obeyed(cell, &["start", "--wait"]);
+    wait_for(cell, "run over", run);
+    let name = program.file_stem().expect("a name").to_string_lossy();
+    cell.out.join(format!("{run:03}-{name}"))
+}
+
+/// Waits for so many events of a kind; their texts.
+fn wait_for(cell: &LiveCell, event: &str, count: usize) -> Vec<String> {
+    let began = Instant::now();
+    loop {
+        let found = events_of(cell, event);
+        if found.len() >= count {
+            return found;
+        }
+        assert!(began.elapsed() < PATIENCE, "{event}: {found:?}");
+        std::thread::sleep(std::time::Duration::from_millis(20));
+    }
+}
+
+fn events_of(cell: &LiveCell, event: &str) -> Vec<String> {
+    let events = fs::read_to_string(cell.out.join("events.jsonl")).expect("events");
+    let lines = events
+        .lines()
+        .filter_map(|line| serde_json::from_str(line).ok());
+    let found = lines.filter(|line: &Value| line["event"] == event);
+    found
+        .map(|line| line["text"].as_str().unwrap_or_default().to_string())
+        .collect()
+}
+
+/// A program whose text takes so many bytes.
+fn large(program: &str, bytes: usize) -> String {
+    let line = format!("({})\n", "x".repeat(97));
+    line.repeat(bytes / line.len()) + program
+}
+
+#[test]
+fn a_cell_that_stays_up_removes_its_oldest_runs_but_none_with_a_death_or_a_mark() {
+    let bench = Bench::patient("xy", &[("[scan]\n", "[log]\nkeep_mb = 40\n\n[scan]\n")]);
+    let slow = circle_program(5.0, 3000.0, (0.0, 0.0), 0.0);
+    let slow = bench.file("slow.ngc", &slow);
+    let part = bench.file("part.ngc", &large(PROGRAM, 3_000_000));
+    let mut cell = LiveCell::up(bench.path(), "realtime");
+    cell.wait_for(|_| true);
+    obeyed(&cell, &["enable"]);
+    fs::create_dir(cell.out.join("009-notes")).expect("a folder");
+    obeyed(&cell, &["load", &slow.display().to_string()]);
+    obeyed(&cell, &["start"]);
+    wait_for(&cell, "run begins", 1);
+    send(cell.pid_of("quadrant planner"), libc::SIGKILL);
+    wait_for(&cell, "run over", 1);
+    let marked = run_loaded(&cell, &part, 2);
+    fs::write(marked.join("marked"), "").expect("a mark");
+    let mut run = 2;
+    while events_of(&cell, "removed").is_empty() {
+        run += 1;
+        assert!(run < 20, "nothing is removed");
+        run_loaded(&cell, &part, run);
+    }
+    let removed = events_of(&cell, "removed");
+    assert!(removed[0].contains("003-part"), "{removed:?}");
+    assert!(removed[0].contains("keep_mb = 40"), "{removed:?}");
+    for stays in ["001-slow", "002-part", "009-notes"] {
+        assert!(cell.out.join(stays).exists(), "{stays}: {removed:?}");
+    }
+    let last = cell.out.join(format!("{run:03}-part"));
+    assert!(last.join("report.json").exists(), "{removed:?}");
+    let status = obeyed(&cell, &["status"]);
+    assert!(status.contains("GB of 0.040"), "{status}");
+    obeyed(&cell, &["down"]);
+    let ended = cell.finish();
+    let said = String::from_utf8_lossy(&ended.output.stdout).into_owned();
+    assert!(
+        said.contains("at most 40.0 MB, the oldest go first"),
+        "{said}"
+    );
+}
+
+/// Each run takes more than two MB: all of them together more than the disk has. Nothing is said in the machine file.
+#[test]
+fn a_small_disk_is_not_filled_by_forty_runs() {
+    let (folder, cell) = (tempfile::tempdir().expect("a folder"), unique_cell());
+    let bench = Bench::patient("xy", &[]);
+    let part = bench.file("part.ngc", &large(PROGRAM, 1_000_000));
+    let script = format!(
+        "cd $DISK
+         mkdir -p runs/xy-part-20200101-000000 && cp {machine}/machine.toml runs/xy-part-20200101-000000
+         head -c 7m /dev/zero > runs/xy-part-20200101-000000/run.mcap
+         up() {{
+             $Q up {machine} --pace lockstep --cell {cell} > {here}/up$1 2>&1 &
+             UP=$!
+             until $Q enable --cell {cell} 2> /dev/null; do sleep 0.1; done
+             for RUN in $(seq 20); do
+                 $Q load {part} --cell {cell} && $Q start --wait --cell {cell} || echo a run failed
+                 until [ $(cat runs/*-up-*/events.jsonl | grep -c 'run over') -ge $((RUN + $2)) ]; do sleep 0.05; done
+             done
+         }}
+         up 1 0
+         $Q down --cell {cell}; wait $UP; echo ended with $?
+         up 2 20
+         du -sm runs
+         until $Q status --cell {cell} | grep 'none may go'; do
+             cat /dev/zero >> filler 2> /dev/null; sleep 0.1
+         done
+         rm filler
+         while $Q status --cell {cell} | grep -q 'none may go'; do sleep 0.1; done
+         $Q down --cell {cell}; wait $UP; echo ended with $?
+         ls -d runs/*/*; cat {here}/up*",
+        machine = bench.path().display(),
+        here = folder.path().display(),
+        part = part.display(),
+    );
+    let Some(output) = with_disk(folder.path(), "64m", &script) else {
+        return;
+    };
+    let said = format!(
+        "{}{}",
+        String::from_utf8_lossy(&output.stdout),
+        words(&output)
+    );
+    assert!(!said.contains("a run failed"), "{said}");
+    assert_eq!(said.matches("ended with 0").count(), 2, "{said}");
+    assert_eq!(said.matches("at most 6.7 MB").count(), 2, "{said}");
+    assert!(!said.contains("No space left"), "{said}");
+    assert!(
+        said.contains("runs/xy-part-20200101-000000/run.mcap"),
+        "no run of a cell: {said}"
+    );
+    let removed = said.matches("/020-part (").count();
+    assert_eq!(removed, 1, "of the session before: {said}");
 }
 
 #[test]

@@ -1,10 +1,10 @@
-//! Room on the disk for a log, looked at before anything starts.
+//! Room on the disk for logs.
 
 use std::path::Path;
 
 use anyhow::bail;
 use machine::Machine;
-use rustix::fs::statvfs;
+use monitor::room::{scarce_bytes, space};
 
 /// Without so much there is no room for the copies and the events of a run.
 const LEAST_BYTES: u64 = 1_000_000;
@@ -14,6 +14,38 @@ const PLENTY_BYTES: u64 = 20_000_000_000;
 const SCAN_BYTES: f64 = 300.0;
 /// and so much more for each axis.
 const AXIS_BYTES: f64 = 310.0;
+
+/// Room of a file system, in bytes.
+#[derive(Debug)]
+pub struct Room {
+    /// What is free.
+    pub free: u64,
+    /// All of it.
+    pub whole: u64,
+}
+
+impl Room {
+    /// Of the file system that a folder is on, or is to be made on; none where that says nothing.
+    pub fn of(folder: &Path) -> Option<Room> {
+        let there = folder.ancestors().find(|of| of.exists());
+        let there = there.filter(|of| !of.as_os_str().is_empty());
+        let there = there.unwrap_or(Path::new("."));
+        let (free, whole) = space(there)?;
+        Some(Room { free, whole })
+    }
+
+    /// Whether little is free, somewhat before the recorder writes less. Where it was scarce it is until still more is free: it does not
+    /// change with each file.
+    pub fn is_scarce(&self, was: bool) -> bool {
+        let least = scarce_bytes(self.whole);
+        self.free < if was { 2 * least } else { least + least / 2 }
+    }
+
+    /// What is free, for people.
+    pub fn words(&self) -> String {
+        format!("{:.1} MB of the disk are free", self.free as f64 / 1e6)
+    }
+}
 
 /// Bytes that the log of so many seconds takes, about.
 fn log_bytes(machine: &Machine, seconds: f64) -> f64 {
@@ -30,15 +62,11 @@ pub fn check(
     machine: &Machine,
     seconds: impl FnOnce() -> Option<f64>,
 ) -> anyhow::Result<()> {
-    let there = folder.ancestors().find(|of| of.exists());
-    let there = there.filter(|of| !of.as_os_str().is_empty());
-    let there = there.unwrap_or(Path::new("."));
     // What says nothing of its room is no reason.
-    let Ok(found) = statvfs(there) else {
+    let Some(Room { free, .. }) = Room::of(folder) else {
         return Ok(());
     };
-    let free = found.f_bavail.saturating_mul(found.f_frsize);
-    if found.f_blocks > 0 && free < LEAST_BYTES {
+    if free < LEAST_BYTES {
         bail!(
             "{}: the disk has no room for a run: {:.1} MB are free, at least {:.1} MB are needed; `[log] keep_mb` removes old runs",
             folder.display(),
@@ -46,7 +74,7 @@ pub fn check(
             LEAST_BYTES as f64 / 1e6
         );
     }
-    if found.f_blocks == 0 || free > PLENTY_BYTES {
+    if free > PLENTY_BYTES {
         return Ok(());
     }
     let needed = seconds().map_or(0.0, |seconds| log_bytes(machine, seconds));

@@ -13,7 +13,7 @@ pub mod observers;
 pub mod options;
 pub mod origin;
 mod progress;
-mod retention;
+pub mod retention;
 pub mod run;
 pub mod run_dir;
 mod service_manager;

@@ -82,7 +82,7 @@ pub fn run(
     let cell = own(&place).environment()?;
     let observers = desk::observers(desk)?;
     let machine_path = machine_file(&options.start.machine);
-    if let Some(retention) = Retention::of(&checked.machine) {
+    if let Some(mut retention) = Retention::of_run(&checked.machine) {
         retention.apply();
     }
     let (run_dir, mut checked) = make_run_dir(options, &machine_path, &checked)?;

@@ -13,7 +13,7 @@ use bus::sample::{Cause, Feedback, Mode, ProgramState};
 use serde_json::Value;
 
 use crate::events::{Event, Events};
-use crate::retention::{RUNS, Retention};
+use crate::retention::{Retention, folders, is_of_cell};
 use console::logs;
 use console::signals::Signals;
 
@@ -52,8 +52,8 @@ pub struct Session {
     over: Option<(u32, u64)>,
     /// One at a time.
     report: Option<Report>,
-    /// What is kept of earlier runs, if not all.
-    retention: Option<Retention>,
+    /// What is kept of earlier runs.
+    retention: Retention,
     /// Runs have reports.
     reports: bool,
     /// The cell has ended.
@@ -71,14 +71,9 @@ impl Drop for Session {
 
 impl Session {
     /// Of the cell in `place`, with one folder in `folder` for each program.
-    pub fn new(
-        folder: &Path,
-        place: &CellPaths,
-        retention: Option<Retention>,
-        reports: bool,
-    ) -> Session {
+    pub fn new(folder: &Path, place: &CellPaths, retention: Retention, reports: bool) -> Session {
         Session {
-            retention: retention.filter(|_| folder.starts_with(RUNS)),
+            retention,
             reports,
             folder: folder.into(),
             place: place.clone(),
@@ -117,6 +112,9 @@ impl Session {
             self.over = None;
         }
         self.make_reports(feedback.scan, events);
+        for (event, text) in self.retention.look() {
+            events.write(&Event::of_cell(feedback.scan, event, Some(text)));
+        }
     }
 
     /// Whether another program has been loaded or started since this was asked last.
@@ -189,9 +187,8 @@ impl Session {
 
     /// Folder of a run, once the recorder has made it.
     fn folder_of(&self, run: u32) -> Option<PathBuf> {
-        let entries = fs::read_dir(&self.folder).ok()?.flatten();
-        let mut folders = entries.map(|entry| entry.path());
-        folders.find(|path| path.is_dir() && monitor::run_number(path) == Some(run))
+        let is_it = |folder: &PathBuf| monitor::run_number(folder) == Some(run);
+        folders(&self.folder).find(|folder| is_it(folder) && is_of_cell(folder))
     }
 
     /// Has the reports of all runs whose logs are whole made, one after the other, by processes beside the cell.
@@ -199,14 +196,13 @@ impl Session {
         self.reap(scan, events);
         while self.report.is_none() && self.reported < self.logged {
             self.reported += 1;
-            if !self.reports {
-                continue;
+            let (run, folder) = (self.reported, self.folder_of(self.reported));
+            match folder {
+                Some(folder) if self.reports => self.make_report(run, folder),
+                Some(folder) => self.retention.over(folder),
+                None if self.reports => tracing::warn!("run {run} has left no log"),
+                None => {}
             }
-            let Some(folder) = self.folder_of(self.reported) else {
-                tracing::warn!("run {} has left no log", self.reported);
-                continue;
-            };
-            self.make_report(self.reported, folder);
         }
     }
 
@@ -261,10 +257,8 @@ impl Session {
         let text = format!("{}: {outcome}", report.folder.display());
         tracing::info!("run {}: {text}", report.run);
         events.write(&Event::of_cell(scan, "run over", Some(text)));
+        self.retention.over(report.folder.clone());
         self.report = None;
-        if let Some(retention) = &self.retention {
-            retention.apply();
-        }
     }
 }
 

@@ -38,10 +38,8 @@ pub fn up(UpOptions { start: options }: &UpOptions, desk: Option<Desk<'_>>) -> O
     let cell = own(&place).environment()?;
     let observers = desk::observers(desk)?;
     let machine_path = machine_file(&options.machine);
-    let retention = Retention::of(&checked.machine);
-    if let Some(retention) = &retention {
-        retention.apply();
-    }
+    let mut retention = Retention::of_cell(&checked.machine, options.out.as_deref());
+    retention.apply();
     let (run_dir, mut checked) = make_folder(options, &machine_path, &checked, cell_name)?;
     let folder = run_dir.folder.clone();
     checked.machine.restart = checked.machine.restart.of_staying();
@@ -68,6 +66,10 @@ pub fn up(UpOptions { start: options }: &UpOptions, desk: Option<Desk<'_>>) -> O
     service_manager::ready();
     service_manager::status(&format!("cell {cell_name} is up"));
     say_up(cell_name, &checked.machine, records, &folder);
+    if records {
+        say(&retention.words());
+        retention.show(&place);
+    }
     let subject = Subject {
         machine: &checked.machine,
         faults: None,

@@ -64,8 +64,9 @@ pub struct LogKeeping {
     /// What is recorded where `--log` does not say.
     #[serde(default)]
     pub level: LogLevel,
-    /// Run directories of this machine below `runs/` take at most so much, the oldest go first. What was named by `--out` elsewhere is
-    /// never removed, nor is a run that is under way.
+    /// Run directories of this machine below `runs/` take at most so much, the oldest go first; those that `up --out DIR` writes to DIR
+    /// too. Without it `run` removes nothing, and `up` keeps at most 20 GB, or a tenth of the disk where that is less, of the runs of
+    /// cells that stay up. What was named by `--out` of a `run` is never removed, nor is a run that is marked or under way.
     #[schemars(extend("unit" = "MB", "minimum" = 10, "maximum" = 100_000_000))]
     pub keep_mb: Option<u32>,
     /// The same by age: older ones go.

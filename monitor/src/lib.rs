@@ -23,6 +23,6 @@ mod sinks;
 mod test_support;
 pub mod words;
 pub use black_box::BLACK_BOX_PREFIX;
-pub use logbook::{run_folder, run_number};
+pub use logbook::{MARK_FILE, run_folder, run_number};
 pub use options::{MonitorError, Options};
 pub use run::run;

@@ -16,6 +16,9 @@ use crate::said::SaidFile;
 /// Name of the machine file in a run directory.
 const MACHINE_FILE: &str = "machine.toml";
 
+/// A file in a run directory that keeps it from being removed; what it holds is the reason.
+pub const MARK_FILE: &str = "marked";
+
 /// The log that is open.
 struct Open {
     run: u32,

@@ -48,9 +48,8 @@ impl Room {
             return None;
         }
         self.looked = Some(Instant::now());
-        let found = statvfs(&self.folder).ok()?;
-        let bytes = |blocks: u64| blocks.saturating_mul(found.f_frsize);
-        let (free, scarce) = (bytes(found.f_bavail), scarce_bytes(bytes(found.f_blocks)));
+        let (free, whole) = space(&self.folder)?;
+        let scarce = scarce_bytes(whole);
         let held_to = level(free, scarce, self.held_to);
         if std::mem::replace(&mut self.held_to, held_to) == held_to {
             return None;
@@ -72,8 +71,15 @@ impl Room {
     }
 }
 
+/// Bytes that are free on the file system of a folder, and all that it has; none where it says nothing.
+pub fn space(folder: &Path) -> Option<(u64, u64)> {
+    let found = statvfs(folder).ok().filter(|found| found.f_blocks > 0)?;
+    let bytes = |blocks: u64| blocks.saturating_mul(found.f_frsize);
+    Some((bytes(found.f_bavail), bytes(found.f_blocks)))
+}
+
 /// Free room that is scarce on a disk of so many bytes.
-fn scarce_bytes(disk_bytes: u64) -> u64 {
+pub fn scarce_bytes(disk_bytes: u64) -> u64 {
     (disk_bytes / SCARCE_SHARE).min(SCARCE_BYTES)
 }
 

@@ -58,6 +58,9 @@ pub struct CellState {
     /// The fieldbus, of a cell with one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub bus: Option<BusState>,
+    /// What run directories take, of a cell that stays up and records.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub runs: Option<RunsState>,
     /// The digital readout beside the axes.
     pub readout: Readout,
     /// The axes of the machine file, in its order.
@@ -182,6 +185,18 @@ pub struct AuxiliaryState {
     pub override_enabled: bool,
     /// All of it that is not as at rest, in words.
     pub summary: Option<String>,
+}
+
+/// What the run directories take whose runs are over.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RunsState {
+    /// Bytes of the disk.
+    pub bytes: u64,
+    /// The most that they may take.
+    pub bytes_max: u64,
+    /// The disk is nearly full, or nothing may go.
+    pub alarm: Option<String>,
 }
 
 /// A fieldbus, as its drive page shows it.

@@ -10,7 +10,7 @@ use serde_json::Value;
 use crate::state::{CellState, CircleState, ReversalState, TimingState};
 
 /// Number of this format; every message carries it. Any change of what follows is another format.
-pub const FORMAT: u32 = 5;
+pub const FORMAT: u32 = 6;
 /// The largest message, in bytes: a machine file with room to spare.
 pub const MESSAGE_BYTES_MAX: usize = 256 << 10;
 /// The longest text but a machine file, in bytes.

@@ -101,7 +101,7 @@ fn refused(change: impl FnOnce(&mut Snapshot)) -> String {
 fn what_no_server_of_ours_would_send_is_refused_by_its_name() {
     let axis = || AxisState::default();
     let cases: [(&str, String); 14] = [
-        ("format 6", refused(|s| s.format = 6)),
+        ("format 7", refused(|s| s.format = 7)),
         ("pace", refused(|s| s.state.pace = Some("slow".into()))),
         (
             "axes",

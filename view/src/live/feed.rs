@@ -1,5 +1,6 @@
 //! Takes samples from a running cell into a model; nobody in the cell waits for it.
 
+use std::fs;
 use std::iter::from_fn;
 use std::path::PathBuf;
 use std::rc::Rc;
@@ -22,6 +23,7 @@ use super::state::Shown;
 use super::timing::listen;
 use console::exit::Failure;
 use launcher::children::children_of;
+use launcher::retention::USAGE_FILE;
 use operator::{Client, held, machine_of_run, modes_behind, next_start, program_behind};
 
 /// Time between two looks at `/proc`.
@@ -145,6 +147,8 @@ impl Feed {
     fn look_at_processes(&mut self) {
         self.proc_seen = Some(Instant::now());
         self.look_at_offsets();
+        let runs = fs::read(self.cell.place.folder().join(USAGE_FILE)).ok();
+        self.model.runs = runs.and_then(|runs| serde_json::from_slice(&runs).ok());
         let page = &self.cell.page;
         let children = children_of(page.launcher_pid());
         if let Some(program) = children.iter().find_map(|child| child.program.clone()) {
@@ -204,7 +208,7 @@ impl Feed {
     /// Text of the cell's machine file.
     #[cfg(feature = "remote")]
     pub fn machine_text(&self) -> std::io::Result<String> {
-        std::fs::read_to_string(self.cell.place.machine_file())
+        fs::read_to_string(self.cell.place.machine_file())
     }
 }
 

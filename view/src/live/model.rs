@@ -12,7 +12,7 @@ use machine::{Machine, Process};
 use path::geometry::{AxisVector, Element, Feed, Shape};
 use path::kinematics::Kinematics;
 use program::{Modal, Program};
-use remote::state::BusState;
+use remote::state::{BusState, RunsState};
 use report::contour;
 
 use super::axis::AxisView;
@@ -59,6 +59,8 @@ pub struct Model {
     pub axes: Vec<AxisView>,
     /// The fieldbus, where the cell has one and its page can be read.
     pub bus: Option<BusState>,
+    /// What run directories take, where the launcher says so.
+    pub runs: Option<RunsState>,
     /// The circle that is travelled.
     pub circle: CircleView,
     /// Where the tool was; only of an observer who wants to draw it.
@@ -103,6 +105,7 @@ impl Model {
             loaded: None,
             axes: machine.axes.iter().map(AxisView::of).collect(),
             bus: None,
+            runs: None,
             circle: CircleView::default(),
             trail: None,
             reversals: Reversals::default(),

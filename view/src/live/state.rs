@@ -79,6 +79,7 @@ fn of(model: &Model) -> CellState {
             standby: model.has_bus_standby(),
             ..bus
         }),
+        runs: model.runs.clone(),
         readout,
         axes,
         processes: processes(model),

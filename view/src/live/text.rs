@@ -33,6 +33,14 @@ pub fn status(state: &CellState, machine: &Machine) -> String {
     for words in auxiliary.into_iter().chain(bus) {
         let _ = write!(text, "\n  {words}");
     }
+    if let Some(runs) = &state.runs {
+        let gb = |bytes: u64| bytes as f64 / 1e9;
+        let (taken, most) = (gb(runs.bytes), gb(runs.bytes_max));
+        let _ = write!(text, "\n  run directories {taken:.3} GB of {most:.3}");
+        if let Some(alarm) = &runs.alarm {
+            let _ = write!(text, "\n  ! {alarm}");
+        }
+    }
     for message in &state.messages {
         let _ = write!(text, "\n  says, line {}: {}", message.line, message.text);
     }
