@@ -382,7 +382,8 @@ impl CellPaths {
             let name = name.to_string_lossy();
             let is_segment = name.starts_with(&prefix);
             // A folder that an owner of any cell was about to remove: were it killed over that, nobody else would.
-            if !is_segment && !(name.starts_with("quadrant-") && name.ends_with(GONE)) {
+            let is_left = name.starts_with("quadrant-") && name.ends_with(GONE);
+            if !is_segment && !is_left {
                 continue;
             }
             let path = entry.path();

@@ -215,6 +215,14 @@ pub struct ArcReport {
 impl Report {
     /// Puts a measurement into the words of the report.
     pub fn new(evaluation: &Evaluation) -> Report {
+        let report = Report::of_log(evaluation);
+        match evaluation.info.level() {
+            LogLevel::Axes => report.without_instruments(),
+            _ => report,
+        }
+    }
+
+    fn of_log(evaluation: &Evaluation) -> Report {
         let Evaluation {
             measurements,
             info,
@@ -228,7 +236,7 @@ impl Report {
         let machine_s = measurements.scans as f64 * measurements.scan_period_s;
         let (ball_bar, one_way_circles) = ball_bars(evaluation);
         let queue_losses = end.as_ref().map_or(0, |end| end.queue_losses);
-        let report = Report {
+        Report {
             quadrant: info.quadrant.clone(),
             machine: machine.name.clone(),
             program: info.program.clone(),
@@ -284,10 +292,6 @@ impl Report {
             messages: evaluation.said.lines.clone(),
             messages_more: evaluation.said.more,
             messages_dropped: evaluation.said.dropped,
-        };
-        match info.level() {
-            LogLevel::Axes => report.without_instruments(),
-            _ => report,
         }
     }
 

@@ -63,7 +63,7 @@ pub struct Recorder {
     /// Mode and cause of the machine.
     mode: (u32, u32),
     /// Scans whose commands all go in whole.
-    whole: RangeInclusive<u64>,
+    whole: Option<RangeInclusive<u64>>,
     motion_digest: Option<u128>,
     newest_scan: u64,
     /// Channel of the fieldbus, of a machine that has one.
@@ -119,7 +119,10 @@ impl Recorder {
         let file = File::create_new(path).map_err(LogError::of_file(path))?;
         let level = LogLevel::Control;
         let begun = Self::begin(path, file, machine, info, level, SMALL_PACKING)?;
-        Ok(Recorder { whole, ..begun })
+        Ok(Recorder {
+            whole: Some(whole),
+            ..begun
+        })
     }
 
     fn begin(
@@ -183,7 +186,7 @@ impl Recorder {
             commands,
             commands_alike: 0,
             mode: (0, 0),
-            whole: 1..=0,
+            whole: None,
             motion_digest: None,
             newest_scan: 0,
             bus_cycle,
@@ -287,7 +290,13 @@ impl Recorder {
         let scan = command.scan;
         let is_due = said.whole_is_due || scan.is_multiple_of(WHOLE_EVERY_SCANS);
         let whole = said.whole;
-        if !is_alike && (is_due || self.whole.contains(&scan)) {
+        if !is_alike
+            && (is_due
+                || self
+                    .whole
+                    .as_ref()
+                    .is_some_and(|whole| whole.contains(&scan)))
+        {
             said.whole_is_due = false;
             self.take(whole, SampleRef::Command(axis, command), true)?;
         }
