@@ -39,6 +39,11 @@ pub fn wrapped(columns: usize, first: &str, next: &str, text: &str) -> Vec<Strin
     lines.map(std::borrow::Cow::into_owned).collect()
 }
 
+/// A text without what a terminal would obey: files may have any name.
+pub fn plain(text: &str) -> String {
+    text.replace(char::is_control, " ")
+}
+
 /// Writes one text and a line end to standard output.
 pub fn say(text: &str) {
     print(Stream::Out, format!("{text}\n").as_bytes());

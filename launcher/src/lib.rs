@@ -12,7 +12,7 @@ pub mod hints;
 pub mod observers;
 pub mod options;
 pub mod origin;
-mod progress;
+pub mod progress;
 pub mod retention;
 pub mod run;
 pub mod run_dir;

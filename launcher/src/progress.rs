@@ -30,18 +30,8 @@ impl Progress {
         scan_period_s: f64,
         bar: bool,
     ) -> Progress {
-        let target = if bar {
-            target()
-        } else {
-            ProgressDrawTarget::hidden()
-        };
-        let bar = ProgressBar::with_draw_target(Some(1000), target);
-        if let Ok(style) = ProgressStyle::with_template("{bar:30} {percent:>3} %  {msg}") {
-            bar.set_style(style);
-        }
-        console::logs::write_above(&bar);
         Progress {
-            bar,
+            bar: self::bar(bar),
             feedback,
             planner,
             scan_period_s,
@@ -106,6 +96,21 @@ impl Progress {
     pub fn finish(&self) {
         self.bar.finish_and_clear();
     }
+}
+
+/// A bar of a thousand steps with a message beside it; hidden unless it is wanted and standard error is a terminal.
+pub fn bar(wanted: bool) -> ProgressBar {
+    let target = if wanted {
+        target()
+    } else {
+        ProgressDrawTarget::hidden()
+    };
+    let bar = ProgressBar::with_draw_target(Some(1000), target);
+    if let Ok(style) = ProgressStyle::with_template("{bar:30} {percent:>3} %  {msg}") {
+        bar.set_style(style);
+    }
+    console::logs::write_above(&bar);
+    bar
 }
 
 /// Standard error, if it is a terminal.

@@ -70,4 +70,4 @@ pub use process::Process;
 pub use restart::{AfterLoss, AfterMaster, AfterMonitor, AfterStandby, Restart};
 pub use reversal::{PositionErrorPart, PulseShape, Reversal, ReversalMethod, Trigger};
 pub use tool_table::{Tool, parse_tools};
-pub use whole_file::replace_file;
+pub use whole_file::{replace_file, replace_with};

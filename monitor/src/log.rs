@@ -31,8 +31,10 @@ mod sample;
 mod tests;
 
 pub use attached::attached_files;
-pub use codec::Content;
+pub use codec::{Content, ENCAPSULATION};
+pub use derived::{AxisRow, RING_SCANS, Rows};
 pub use error::LogError;
+pub use layout::{Extent, Layout};
 pub use parts::{LOG_FILE, Part, RunLog, part_files};
 pub use reader::{Reader, read_only};
 pub use recorder::Recorder;

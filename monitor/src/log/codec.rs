@@ -14,7 +14,7 @@ use super::run_info::Event;
 use super::sample::{LoggedWindow, Sample, SampleRef};
 
 /// What a message begins with: CDR, little-endian (XCDR1, OMG DDSI-RTPS 2.5 §10.2).
-pub(crate) const ENCAPSULATION: [u8; 4] = [0, 1, 0, 0];
+pub const ENCAPSULATION: [u8; 4] = [0, 1, 0, 0];
 
 /// Fields that only a log of whole samples has: a servo's own memory, and what says that a sample in shared memory is whole.
 const WHOLE_ONLY: [&str; 5] = [

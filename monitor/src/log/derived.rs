@@ -8,8 +8,10 @@ use bus::table;
 use bytemuck::{Pod, Zeroable};
 use machine::{Machine, PositionFeedback};
 
+use super::sample::SampleRef;
+
 /// Scans a row waits for its missing parts.
-const RING_SCANS: usize = 1024;
+pub const RING_SCANS: usize = 1024;
 
 const FEEDBACK: u8 = 1;
 const INSTRUMENTS: u8 = 2;
@@ -52,7 +54,7 @@ struct Slot {
 }
 
 /// Rows that wait, per axis.
-pub(super) struct Rows {
+pub struct Rows {
     increment_mm: Vec<f64>,
     scale: Vec<bool>,
     period_s: f64,
@@ -60,7 +62,8 @@ pub(super) struct Rows {
 }
 
 impl Rows {
-    pub(super) fn new(machine: &Machine) -> Self {
+    /// Of a machine's axes.
+    pub fn new(machine: &Machine) -> Self {
         let empty = Slot {
             scan: u64::MAX,
             seen: 0,
@@ -75,6 +78,16 @@ impl Rows {
                 .collect(),
             period_s: machine.scan_period_s(),
             slots: vec![empty; machine.axes.len() * RING_SCANS],
+        }
+    }
+
+    /// Takes one sample; rows that it makes whole, or that have to make place for it, go to `out`: index of the axis, scan, row.
+    pub fn take(&mut self, sample: SampleRef<'_>, out: &mut Vec<(usize, u64, AxisRow)>) {
+        match sample {
+            SampleRef::Feedback(feedback) => self.feedback(feedback, out),
+            SampleRef::Instruments(instruments) => self.instruments(instruments, out),
+            SampleRef::Command(axis, command) => self.command(axis, command, out),
+            _ => {}
         }
     }
 
@@ -116,7 +129,7 @@ impl Rows {
         }
     }
 
-    pub(super) fn feedback(&mut self, sample: &Feedback, out: &mut Vec<(usize, u64, AxisRow)>) {
+    fn feedback(&mut self, sample: &Feedback, out: &mut Vec<(usize, u64, AxisRow)>) {
         for (axis, feedback) in sample.axes.iter().enumerate() {
             let (Some(&increment_mm), Some(&scale)) =
                 (self.increment_mm.get(axis), self.scale.get(axis))
@@ -138,11 +151,7 @@ impl Rows {
         }
     }
 
-    pub(super) fn instruments(
-        &mut self,
-        sample: &Instruments,
-        out: &mut Vec<(usize, u64, AxisRow)>,
-    ) {
+    fn instruments(&mut self, sample: &Instruments, out: &mut Vec<(usize, u64, AxisRow)>) {
         let last = (sample.subsamples as usize).saturating_sub(1);
         for axis in 0..self.increment_mm.len() {
             let table_mm = sample.table_mm.get(axis).and_then(|row| row.get(last));
@@ -151,12 +160,7 @@ impl Rows {
         }
     }
 
-    pub(super) fn command(
-        &mut self,
-        axis: usize,
-        sample: &AxisCommand,
-        out: &mut Vec<(usize, u64, AxisRow)>,
-    ) {
+    fn command(&mut self, axis: usize, sample: &AxisCommand, out: &mut Vec<(usize, u64, AxisRow)>) {
         let Some(&increment_mm) = self.increment_mm.get(axis) else {
             return;
         };
@@ -168,21 +172,16 @@ impl Rows {
         self.fill(axis, sample.scan, COMMAND, set, out);
     }
 
-    /// The rows that never became whole, in order of scan.
-    pub(super) fn rest(&mut self, out: &mut Vec<(usize, u64, AxisRow)>) {
-        for axis in 0..self.increment_mm.len() {
-            let slots = self
-                .slots
-                .get_mut(axis * RING_SCANS..(axis + 1) * RING_SCANS)
-                .unwrap_or_default();
-            slots.sort_by_key(|slot| slot.scan);
-            for slot in slots {
-                if slot.seen & FEEDBACK != 0 && slot.seen != WHOLE {
-                    out.push((axis, slot.scan, slot.row));
-                }
-                slot.seen = 0;
+    /// The rows of the scans before `scan` that have not become whole and now never will, by axis and in order of scan.
+    pub fn rest(&mut self, scan: u64, out: &mut Vec<(usize, u64, AxisRow)>) {
+        let before = |slot: &&mut Slot| slot.scan < scan;
+        for (index, slot) in self.slots.iter_mut().enumerate().filter(|s| before(&s.1)) {
+            if slot.seen & FEEDBACK != 0 && slot.seen != WHOLE {
+                out.push((index / RING_SCANS, slot.scan, slot.row));
             }
+            slot.seen = 0;
         }
+        out.sort_by_key(|(axis, scan, _)| (*axis, *scan));
     }
 }
 

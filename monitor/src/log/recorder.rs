@@ -214,10 +214,9 @@ impl Recorder {
     /// # Errors
     /// The file cannot be written, or a command is of an axis or role that this machine does not have.
     pub fn record(&mut self, sample: SampleRef<'_>) -> Result<(), LogError> {
-        let whole = &mut self.whole_rows;
+        self.rows.take(sample, &mut self.whole_rows);
         let which = match sample {
             SampleRef::Feedback(feedback) => {
-                self.rows.feedback(feedback, whole);
                 self.newest_scan = feedback.scan;
                 let mode = (feedback.mode, feedback.cause);
                 if std::mem::replace(&mut self.mode, mode) != mode {
@@ -226,7 +225,6 @@ impl Recorder {
                 FEEDBACK
             }
             SampleRef::Instruments(instruments) => {
-                self.rows.instruments(instruments, whole);
                 let halves = [
                     instruments.motion_digest_high,
                     instruments.motion_digest_low,
@@ -239,7 +237,6 @@ impl Recorder {
             })?,
             SampleRef::Command(axis, command) => {
                 let which = self.command_channel(axis, command.role as usize)?;
-                self.rows.command(axis, command, &mut self.whole_rows);
                 self.take_command(which, axis, command)?;
                 return self.put_rows();
             }
@@ -448,7 +445,7 @@ impl Recorder {
     /// # Errors
     /// As [`Recorder::record`].
     pub fn finish(mut self, end: &RunEnd) -> Result<String, LogError> {
-        self.rows.rest(&mut self.whole_rows);
+        self.rows.rest(u64::MAX, &mut self.whole_rows);
         self.put_rows()?;
         self.write_rows()?;
         let digest = self.digest();

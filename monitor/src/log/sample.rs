@@ -96,7 +96,7 @@ impl<'a> SampleRef<'a> {
     }
 
     /// Scan that it belongs to in the log.
-    pub(crate) fn scan(&self) -> u64 {
+    pub fn scan(&self) -> u64 {
         match self {
             SampleRef::Feedback(sample) => sample.scan,
             SampleRef::Instruments(sample) => sample.scan,
@@ -112,7 +112,7 @@ impl<'a> SampleRef<'a> {
 
 impl Sample {
     /// The sample where it is; `axis` is the index of a command's axis.
-    pub(crate) fn as_ref(&self, axis: usize) -> SampleRef<'_> {
+    pub fn as_ref(&self, axis: usize) -> SampleRef<'_> {
         match self {
             Sample::Feedback(sample) => SampleRef::Feedback(sample),
             Sample::Instruments(sample) => SampleRef::Instruments(sample),
