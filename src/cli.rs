@@ -11,7 +11,7 @@ use operator::options::{
     SingleBlockOptions, StartOptions, ToolOptions, WheelOptions, ZeroOptions,
 };
 use prepare::options::{BusOptions, CheckOptions, DoctorOptions, PlanOptions};
-use report::options::ReportOptions;
+use report::options::{ReportOptions, RunsOptions};
 use tune::options::{IdentifyOptions, NewMachineOptions, TuneOptions};
 use view::options::{
     MetricsOptions, MonitorOptions, ScopeOptions, ShowOptions, StatusOptions, WebOptions,
@@ -73,6 +73,8 @@ pub enum Command {
     Plan(PlanOptions),
     /// Make report and plots again from a run's log; or hold one run against another
     Report(ReportOptions),
+    /// Run directories: which there are and how they ended; mark, remove or export them
+    Runs(RunsOptions),
     /// Write the folder of a new machine: asked for, or from a few numbers for each axis
     New(NewOptions),
     /// Start the process group and stay; programs are loaded and started from other terminals, until `down`

@@ -56,6 +56,7 @@ pub fn obey(command: Command, injection: Injection) -> Outcome {
         Command::Check(options) => check::check(&options),
         Command::Plan(options) => plan::plan(&options),
         Command::Report(options) => report::command::report(&options),
+        Command::Runs(options) => report::runs::runs(&options),
         Command::Doctor(options) => doctor::doctor(&options),
         Command::Clean(options) => run::clean(&options),
         Command::New(options) => match &options.what {

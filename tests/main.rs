@@ -57,6 +57,7 @@ mod realtime_faults;
 mod recorder;
 mod robust;
 mod rounding;
+mod runs;
 mod said_and_done;
 mod scope;
 mod setpoints;

@@ -2,7 +2,7 @@
 //! others read the same from it.
 
 use std::fs;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Duration;
 
@@ -147,7 +147,7 @@ fn a_cell_killed_whole_and_at_once_leaves_a_log_that_is_reported_up_to_its_last_
     );
     // As far as it reaches nothing is missing, and what it says is what the tools of others find in it.
     assert_eq!(number(&report, "/samples_lost"), 0.0, "{report}");
-    if let Some(found) = read_by_others(&run) {
+    if let Some(found) = read_by_others(&run.out.join("run.mcap")) {
         assert_eq!(found["whole"], false, "{found}");
         agree(&found, &report);
     }
@@ -159,7 +159,7 @@ fn a_foreign_reader_finds_a_valid_file_and_the_numbers_of_the_report() {
     let program = bench.file("circle.ngc", &circle_program(10.0, 6000.0, (0.0, 0.0), 0.0));
     let run = run(bench.path(), &program);
     let report = run.good_report();
-    let Some(found) = read_by_others(&run) else {
+    let Some(found) = read_by_others(&run.out.join("run.mcap")) else {
         return;
     };
     assert_eq!(found["whole"], true, "{found}");
@@ -187,9 +187,9 @@ fn agree(found: &Value, report: &Value) {
     }
 }
 
-/// What the Python packages `mcap` and `mcap-ros2-support` make of the log. Without them nothing is tested, unless
+/// What the Python packages `mcap` and `mcap-ros2-support` make of a log. Without them nothing is tested, unless
 /// QUADRANT_PYTHON names a Python that must have them, as continuous integration does.
-fn read_by_others(run: &Run) -> Option<Value> {
+pub(crate) fn read_by_others(log: &Path) -> Option<Value> {
     let named = std::env::var_os("QUADRANT_PYTHON").map(PathBuf::from);
     let python = named.clone().unwrap_or_else(|| "python3".into());
     let has_them = Command::new(&python)
@@ -210,7 +210,7 @@ fn read_by_others(run: &Run) -> Option<Value> {
     }
     let done = Command::new(&python)
         .arg(root().join("tests/foreign/read_mcap.py"))
-        .arg(run.out.join("run.mcap"))
+        .arg(log)
         .output()
         .expect("the foreign reader");
     let printed = String::from_utf8_lossy(&done.stdout);

@@ -340,7 +340,7 @@ fn is_dated(name: &str) -> bool {
 }
 
 /// Whether a launcher holds the events of a run directory.
-fn is_open(folder: &Path) -> bool {
+pub fn is_open(folder: &Path) -> bool {
     let Ok(file) = File::open(folder.join(EVENTS)) else {
         return false;
     };

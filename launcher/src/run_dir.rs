@@ -89,7 +89,7 @@ pub const SETTINGS_FILES: [&str; 6] = [
 ];
 
 /// Files of a run directory that are not the program.
-const RESERVED: [&str; 12] = [
+const RESERVED: [&str; 13] = [
     "machine.toml",
     "learned.toml",
     "learned-path.csv",
@@ -102,6 +102,7 @@ const RESERVED: [&str; 12] = [
     "messages.jsonl",
     "orders.toml",
     "faults.toml",
+    monitor::MARK_FILE,
 ];
 
 /// The name a program keeps in the run directory.

@@ -3,9 +3,10 @@
 use std::fs;
 use std::path::Path;
 
-use anyhow::{Context, bail};
+use anyhow::Context;
 
 use crate::options::ReportOptions;
+use crate::runs::must_be_no_cell;
 use crate::settings_difference;
 use console::exit::{Kind, Outcome};
 use console::logs;
@@ -30,25 +31,6 @@ pub fn make(run_dir: &Path) -> anyhow::Result<String> {
     fs::read_to_string(&text).with_context(|| format!("{}: cannot be read", text.display()))
 }
 
-/// The folder of a cell that stays up holds runs, and is none.
-fn runs_of(folder: &Path) -> anyhow::Result<()> {
-    let is_run = |path: &Path| path.is_dir() && monitor::run_number(path).is_some();
-    let entries = fs::read_dir(folder).into_iter().flatten().flatten();
-    let mut runs: Vec<_> = entries.map(|e| e.path()).filter(|p| is_run(p)).collect();
-    runs.sort();
-    match runs.as_slice() {
-        [first, ..] if !folder.join(monitor::log::LOG_FILE).exists() => {
-            bail!(
-                "{}: is the folder of a cell; its runs are {} to {}",
-                folder.display(),
-                first.display(),
-                runs.last().unwrap_or(first).display()
-            )
-        }
-        _ => Ok(()),
-    }
-}
-
 /// Makes the report again and prints it.
 pub fn report(options: &ReportOptions) -> Outcome {
     logs::init_launcher();
@@ -56,7 +38,7 @@ pub fn report(options: &ReportOptions) -> Outcome {
         // Before it has other threads: what they inherit.
         let _ = rustix::process::setpriority_process(None, NICENESS);
     }
-    runs_of(&options.run_dir).input()?;
+    must_be_no_cell(&options.run_dir).input()?;
     if let Some(other) = &options.against {
         return against(&options.run_dir, other, options.json);
     }

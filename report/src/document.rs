@@ -141,6 +141,8 @@ impl fmt::Display for Fact {
 
 /// Rows of a table that the text shows if nothing else is asked for.
 const ROWS_IN_TEXT: usize = 40;
+/// The most letters of one cell, likewise.
+const LETTERS_IN_TEXT: usize = 42;
 
 /// Rows of cells below heads.
 #[derive(Debug)]
@@ -154,6 +156,8 @@ pub(super) struct Table {
     /// If not all rows are shown: those with the largest number in this column, else the first.
     pub largest: Option<usize>,
     pub rows_in_text: usize,
+    /// The most letters of one cell in the text.
+    pub letters_in_text: usize,
 }
 
 /// The head of a column.
@@ -227,6 +231,7 @@ impl<'t, T> Columns<'t, T> {
             rows: all.iter().map(|_| Row::default()).collect(),
             largest: None,
             rows_in_text: ROWS_IN_TEXT,
+            letters_in_text: LETTERS_IN_TEXT,
         };
         Columns { all, table }
     }

@@ -5,25 +5,13 @@ use std::path::{Path as FilePath, PathBuf};
 use machine::{AxisKind, LogLevel, Machine};
 use path::geometry::Path;
 use program::{Along, Answer, Note, ResumeError, Setup};
-use serde_json::Value;
 
 use super::error::ReportError;
-use super::outcome::OutcomeKind;
+use super::outcome::{Ended, ended};
 use crate::measure::{Analysis, Measurements, RunPath};
 use crate::said::Said;
 use crate::skim::{Answers, Prescan, Start, skim};
 use monitor::log::{Part, RunEnd, RunInfo, RunLog, Sample};
-
-/// How the launcher saw a run end.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Ended {
-    /// The last scan.
-    pub scan: u64,
-    /// How; none if it did not say so.
-    pub kind: Option<OutcomeKind>,
-    /// Why, in words.
-    pub text: String,
-}
 
 /// What the measurement of one log gave.
 pub struct Evaluation {
@@ -170,21 +158,11 @@ fn evaluate_knowing(
     Ok((evaluation, found))
 }
 
-/// The end of the run, as the launcher noted it among the events.
-fn ended(run_dir: &FilePath) -> Option<Ended> {
-    let events = std::fs::read_to_string(run_dir.join("events.jsonl")).ok()?;
-    let events = events.lines().rev();
-    let mut events = events.filter_map(|line| serde_json::from_str::<Value>(line).ok());
-    let ended = events.find(|event| event["event"] == "ended")?;
-    let kind = ended.get("outcome").cloned();
-    Some(Ended {
-        scan: ended["scan"].as_u64()?,
-        kind: kind.and_then(|kind| serde_json::from_value(kind).ok()),
-        text: ended["text"].as_str().unwrap_or_default().to_string(),
-    })
-}
-
-fn fits(run_dir: &FilePath, machine: &Machine, reader: &RunLog) -> Result<(), ReportError> {
+pub(super) fn fits(
+    run_dir: &FilePath,
+    machine: &Machine,
+    reader: &RunLog,
+) -> Result<(), ReportError> {
     let axes: Vec<&str> = machine.axes.iter().map(|axis| axis.name.as_str()).collect();
     let period_us = machine.scan.period_us;
     if axes != reader.axes() || period_us != reader.scan_period_us() {

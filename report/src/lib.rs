@@ -32,6 +32,7 @@ mod peaks;
 pub mod plot;
 mod ranking;
 mod rounded;
+pub mod runs;
 mod said;
 pub mod scope;
 pub mod scope_picture;

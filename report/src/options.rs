@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use clap::Args;
+use clap::{Args, Subcommand};
 
 /// What `quadrant report` takes.
 #[derive(Debug, Clone, Args)]
@@ -21,4 +21,77 @@ pub struct ReportOptions {
     /// Yield to everything else on this PC
     #[arg(long, hide = true)]
     pub background: bool,
+}
+
+/// What `quadrant runs` takes.
+#[derive(Debug, Clone, Args)]
+#[command(
+    args_conflicts_with_subcommands = true,
+    after_help = "Without FOLDER: those below runs, and those of cells that are up. How long they took is time of the machine;\nerrors are the largest ones."
+)]
+pub struct RunsOptions {
+    /// Folder with run directories, or of a cell [default: runs]
+    pub folder: Option<PathBuf>,
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
+    /// What is done instead of listing them.
+    #[command(subcommand)]
+    pub what: Option<RunsCommand>,
+}
+
+/// What can be done with runs.
+#[derive(Debug, Clone, Subcommand)]
+pub enum RunsCommand {
+    /// Keep runs: what makes room for new ones takes the others first, and `remove` refuses
+    Mark {
+        /// Run directories
+        #[arg(required = true)]
+        run: Vec<PathBuf>,
+        /// Why they are kept
+        #[arg(long, value_name = "TEXT", default_value = "")]
+        reason: String,
+    },
+    /// Take marks away
+    Unmark {
+        /// Run directories
+        #[arg(required = true)]
+        run: Vec<PathBuf>,
+    },
+    /// Remove run directories with all that is in them; none of them if one is refused
+    Remove {
+        /// Run directories
+        #[arg(required = true)]
+        run: Vec<PathBuf>,
+        /// Marked ones too
+        #[arg(long)]
+        marked: bool,
+    },
+    /// Write command, feedback, table, following error, torque and so on to a file, scan by scan
+    Export(ExportOptions),
+}
+
+/// What `quadrant runs export` takes.
+#[derive(Debug, Clone, Args)]
+#[command(
+    after_help = "csv: one row for each scan, the unit at the end of each name, nothing where nothing is known.\nmcap: one message for each scan and axis on /axis/X, as ROS 2 has it, for Foxglove and PlotJuggler.\n\n  quadrant runs export runs/a --as csv --axes X --from 1.2 --to 1.5 --out x.csv"
+)]
+pub struct ExportOptions {
+    /// A run directory
+    pub run: PathBuf,
+    /// From this time of the log on, in s, as its rows have it
+    #[arg(long, value_name = "S")]
+    pub from: Option<f64>,
+    /// Until this time
+    #[arg(long, value_name = "S")]
+    pub to: Option<f64>,
+    /// Letters of the axes [default: all]
+    #[arg(long, value_name = "X,Y", value_delimiter = ',')]
+    pub axes: Vec<String>,
+    /// What is written
+    #[arg(long = "as", value_name = "FORMAT", value_parser = ["csv", "mcap"])]
+    pub format: String,
+    /// The file [default: name of the run, here, with the format behind it]
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
 }

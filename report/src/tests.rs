@@ -6,7 +6,7 @@ use std::path::Path;
 use path::geometry::AxisVector;
 use program::Setup;
 
-use super::evaluation::Ended;
+use super::outcome::Ended;
 use super::*;
 use crate::measure::Outcome;
 use crate::measure::outcome::{Loss, StopReason};

@@ -4,8 +4,6 @@ use super::document::{Block, Document, Fact, Outcome, Section, Table};
 
 /// Columns that text is wrapped to.
 const WIDTH: usize = 88;
-/// The most letters of one cell.
-const CELL_MAX: usize = 42;
 /// Items of a list before it says how many more there are.
 const ITEMS_MAX: usize = 40;
 
@@ -22,6 +20,13 @@ pub(super) fn render(document: &Document) -> String {
         }
         blocks.iter().for_each(|block| text.block(block));
     }
+    text.0
+}
+
+/// A table as text.
+pub(super) fn of_table(table: &Table) -> String {
+    let mut text = Text(String::new());
+    text.table(table);
     text.0
 }
 
@@ -118,7 +123,8 @@ impl Text {
         let rows: Vec<Vec<String>> = rows
             .map(|row| {
                 let cells = row.cells.iter();
-                cells.map(|c| shortened(&c.text(), CELL_MAX)).collect()
+                let most = table.letters_in_text;
+                cells.map(|c| shortened(&c.text(), most)).collect()
             })
             .collect();
         let mut heads: Vec<Vec<String>> = Vec::new();

@@ -100,8 +100,11 @@ class Log:
 
 
 def column(sample, name):
-    """A number of every row of a message: told for each, once for all, or as a first value and a step."""
-    told, rows = getattr(sample, name), sample.rows
+    """A number of every row of a message: told for each, once for all, or as a first value and a step; of an export, of its one row."""
+    told = getattr(sample, name)
+    if not hasattr(sample, "rows"):
+        return [told]
+    rows = sample.rows
     if len(told) == rows:
         return told
     first, step = told[0], told[1] if len(told) == 2 else 0
@@ -137,6 +140,7 @@ def measure(log):
         "first_scan": min(scans, default=None),
         "last_scan": max(scans, default=None),
         "axes": axes,
+        "row_following_error_um_peak": row_peak_um,
     }
 
 
@@ -154,19 +158,22 @@ def check_summary(log):
         if summary.statistics.chunk_count != len(summary.chunk_indexes):
             log.complain("not every chunk is in the index")
         last = summary.statistics.message_end_time
-        found = sum(1 for _ in reader.iter_messages(topics=["/feedback"], starting_at=last - 1_000_000_000))
-        if found == 0:
-            log.complain("the index finds no feedback in the last second")
+        # An export has no feedback.
+        each_scan = [topic for topic in told if topic == "/feedback" or topic.startswith("/axis/")]
+        late = reader.iter_messages(topics=each_scan, starting_at=last - 1_000_000_000)
+        found = {channel.topic for _, channel, _ in late}
+        if found != set(each_scan):
+            log.complain(f"of {each_scan} the index finds {sorted(found)} in the last second")
 
 
 def units(log):
     """Fields of the rows for people must say their unit."""
     for schema in log.schemas.values():
-        if not schema.name.endswith("/AxisRowColumns"):
+        if not schema.name.endswith(("/AxisRowColumns", "/AxisRow")):
             continue
-        for line in schema.data.decode().splitlines()[1:]:
+        for line in schema.data.decode().splitlines():
             name = line.split()[1]
-            if not name.endswith(UNITS):
+            if name != "rows" and not name.endswith(UNITS):
                 log.complain(f"{schema.name}.{name} does not say its unit")
 
 
