@@ -3,17 +3,19 @@
 use std::path::Path;
 
 use anyhow::bail;
-use machine::Machine;
+use machine::{LogLevel, Machine};
 use monitor::room::{scarce_bytes, space};
 
 /// Without so much there is no room for the copies and the events of a run.
 const LEAST_BYTES: u64 = 1_000_000;
 /// With more than this nobody reckons how long a program takes: hours of log.
 const PLENTY_BYTES: u64 = 20_000_000_000;
-/// A scan of a machine of one axis takes so much of a log,
-const SCAN_BYTES: f64 = 300.0;
-/// and so much more for each axis.
-const AXIS_BYTES: f64 = 310.0;
+/// A scan takes so much of a log, where all axes move,
+const SCAN_BYTES: f64 = 80.0;
+/// and so much for each axis;
+const AXIS_BYTES: f64 = 135.0;
+/// so many times as much with the state of every servo.
+const FULL_TIMES: f64 = 3.5;
 
 /// Room of a file system, in bytes.
 #[derive(Debug)]
@@ -48,9 +50,14 @@ impl Room {
 }
 
 /// Bytes that the log of so many seconds takes, about.
-fn log_bytes(machine: &Machine, seconds: f64) -> f64 {
+fn log_bytes(machine: &Machine, level: LogLevel, seconds: f64) -> f64 {
     let of_scan = SCAN_BYTES + AXIS_BYTES * machine.axes.len() as f64;
-    of_scan * seconds / machine.scan_period_s()
+    let times = if level == LogLevel::Full {
+        FULL_TIMES
+    } else {
+        1.0
+    };
+    of_scan * times * seconds / machine.scan_period_s()
 }
 
 /// Looks for room where a run directory is to be made; says so where the log of so many seconds will not find it.
@@ -60,6 +67,7 @@ fn log_bytes(machine: &Machine, seconds: f64) -> f64 {
 pub fn check(
     folder: &Path,
     machine: &Machine,
+    level: LogLevel,
     seconds: impl FnOnce() -> Option<f64>,
 ) -> anyhow::Result<()> {
     // What says nothing of its room is no reason.
@@ -77,7 +85,7 @@ pub fn check(
     if free > PLENTY_BYTES {
         return Ok(());
     }
-    let needed = seconds().map_or(0.0, |seconds| log_bytes(machine, seconds));
+    let needed = seconds().map_or(0.0, |seconds| log_bytes(machine, level, seconds));
     if needed > free as f64 {
         tracing::warn!(
             "{}: the log of this program takes about {:.0} MB, and {:.1} MB are free: it will not be whole (--log events records none)",

@@ -192,12 +192,9 @@ fn make_run_dir(
     let machine = &checked.machine;
     let default = || default_folder(&machine.name, &options.program);
     let folder = options.start.out.clone().unwrap_or_else(default);
-    let seconds = || {
-        checked
-            .seconds()
-            .filter(|_| options.start.level(machine).has_samples())
-    };
-    disk_room::check(&folder, machine, seconds).environment()?;
+    let level = options.start.level(machine);
+    let seconds = || checked.seconds().filter(|_| level.has_samples());
+    disk_room::check(&folder, machine, level, seconds).environment()?;
     let program = checked.program.as_ref().filter(|_| options.learn);
     let program = program.map(|program| format!("{:016x}", program.source_hash));
     let trained = training::trained(

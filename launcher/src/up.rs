@@ -106,7 +106,8 @@ fn make_folder(
         orders: None,
         faults: None,
     };
-    disk_room::check(&folder, &checked.machine, || None).environment()?;
+    let level = options.level(&checked.machine);
+    disk_room::check(&folder, &checked.machine, level, || None).environment()?;
     make_checked(&folder, &sources)
 }
 

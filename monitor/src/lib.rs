@@ -18,6 +18,7 @@ pub mod room;
 mod run;
 pub mod said;
 mod sinks;
+mod standbys;
 #[cfg(test)]
 #[allow(dead_code, reason = "shared with the tests of the report")]
 mod test_support;

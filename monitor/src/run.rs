@@ -17,6 +17,7 @@ use crate::losses::Losses;
 use crate::options::{MonitorError, Options};
 use crate::room::Room;
 use crate::sinks::Sinks;
+use crate::standbys::Standbys;
 
 /// Scans recorded between two words to the master about it.
 const CREDIT_STEP_SCANS: u64 = 64;
@@ -111,7 +112,11 @@ pub fn run(options: &Options) -> Result<(), MonitorError> {
     let mut ports = Ports::open(&member).map_err(MemberError::Cell)?;
     let mut logbook = Logbook::new(options, &machine)?;
     let black_box = BlackBox::new(Settings::default(), &machine, logbook.new_home());
-    let mut sinks = Sinks { logbook, black_box };
+    let mut sinks = Sinks {
+        logbook,
+        black_box,
+        standbys: Standbys::default(),
+    };
     let place = CellPaths::new(&options.slot.cell).map_err(MemberError::Cell)?;
     let mut losses = Losses::of(&place);
     let mut room = Room::of(&options.out, &place);

@@ -6,16 +6,23 @@ use crate::black_box::BlackBox;
 use crate::log::{LogError, SampleRef};
 use crate::logbook::Logbook;
 use crate::options::MonitorError;
+use crate::standbys::Standbys;
 
 /// Both.
 pub struct Sinks {
     pub logbook: Logbook,
     pub black_box: BlackBox,
+    pub standbys: Standbys,
 }
 
 impl Sinks {
     /// Any sample but a feedback.
     pub fn take(&mut self, sample: SampleRef<'_>) -> Result<(), LogError> {
+        if let SampleRef::Command(axis, command) = sample
+            && self.standbys.repeats(axis, command)
+        {
+            return self.logbook.record(|log| log.repeat(axis, command));
+        }
         self.black_box.take(sample);
         self.logbook.record(|log| log.record(sample))
     }

@@ -51,8 +51,6 @@ pub(super) struct AxisChannels {
     /// Role a, role b (made when first heard).
     pub(super) roles: [Option<usize>; ROLES.len()],
     pub(super) whole: usize,
-    /// What role a said last, once there is a role b: in a scan a comes first.
-    pub(super) newest: Option<Box<AxisCommand>>,
     /// The next command goes in whole, with the state of its servo.
     pub(super) whole_is_due: bool,
 }
@@ -165,7 +163,6 @@ pub(super) fn make_channels(
     let commands = (0..extent.axes.len()).map(|axis| AxisChannels {
         roles: [Some(AXES + extent.axes.len() + axis), None],
         whole: states + axis,
-        newest: None,
         whole_is_due: true,
     });
     Ok((channels, commands.collect(), bus_cycle))

@@ -262,42 +262,39 @@ impl Recorder {
         }
     }
 
-    /// A standby says what the servo in force says: once is enough. States go in where something happens, and now and then.
+    /// A command of a standby that is that of the servo in force: only a log of everything has it.
+    ///
+    /// # Errors
+    /// As [`Recorder::record`].
+    pub fn repeat(&mut self, axis: usize, command: &AxisCommand) -> Result<(), LogError> {
+        let sample = SampleRef::Command(axis, command);
+        if self.level == LogLevel::Full {
+            return self.record(sample);
+        }
+        self.commands_alike += 1;
+        let which = self.command_channel(axis, command.role as usize)?;
+        self.take(which, sample, false)
+    }
+
+    /// A command, and the whole of it with the servo's state where something has happened, and now and then.
     fn take_command(
         &mut self,
         which: usize,
         axis: usize,
         command: &AxisCommand,
     ) -> Result<(), LogError> {
-        let Some(said) = self.commands.get_mut(axis) else {
-            return Ok(());
-        };
-        let of_role = |role: usize| command.role as usize == role;
-        let is_alike = self.level != LogLevel::Full
-            && of_role(1)
-            && said
-                .newest
-                .as_ref()
-                .is_some_and(|of_a| of_a.scan == command.scan && of_a.drives_as(command));
-        let [_, of_b] = said.roles;
-        if of_role(0) && of_b.is_some() {
-            **said.newest.get_or_insert_with(|| Box::new(*command)) = *command;
-        }
-        self.commands_alike += u64::from(is_alike);
-        let scan = command.scan;
-        let is_due = said.whole_is_due || scan.is_multiple_of(WHOLE_EVERY_SCANS);
-        let whole = said.whole;
-        if !is_alike
-            && (is_due
-                || self
-                    .whole
-                    .as_ref()
-                    .is_some_and(|whole| whole.contains(&scan)))
+        let sample = SampleRef::Command(axis, command);
+        let of_box = self.whole.as_ref();
+        let is_of_box = of_box.is_some_and(|whole| whole.contains(&command.scan));
+        if let Some(said) = self.commands.get_mut(axis)
+            && (is_of_box
+                || std::mem::take(&mut said.whole_is_due)
+                || command.scan.is_multiple_of(WHOLE_EVERY_SCANS))
         {
-            said.whole_is_due = false;
-            self.take(whole, SampleRef::Command(axis, command), true)?;
+            let whole = said.whole;
+            self.take(whole, sample, true)?;
         }
-        self.take(which, SampleRef::Command(axis, command), !is_alike)
+        self.take(which, sample, true)
     }
 
     /// Takes a sample into the digest of its channel, and where it `goes_in`, into the log.

@@ -11,6 +11,7 @@ use rand_xoshiro::SplitMix64;
 use rand_xoshiro::rand_core::{Rng, SeedableRng};
 
 use super::*;
+use crate::standbys::Standbys;
 use crate::test_support::machine;
 
 /// A run of some scans in which every field that is in use has a value of its own.
@@ -464,6 +465,7 @@ fn a_level_leaves_out_what_it_says_and_notes_the_digest_of_all() {
         let folder = dir.path().join(level.to_string());
         std::fs::create_dir(&folder).unwrap();
         let mut recorder = Recorder::create_part(&folder, &machine, &info(), level).unwrap();
+        let mut standbys = Standbys::default();
         for scan in 0..1500u64 {
             for axis in 0..2 {
                 for role in 0..2 {
@@ -473,9 +475,12 @@ fn a_level_leaves_out_what_it_says_and_notes_the_digest_of_all() {
                     command.state[7] = scan;
                     // In one scan the standby of Y differs.
                     command.position = i64::from(scan == 300 && axis == 1 && role == 1);
-                    recorder
-                        .record(SampleRef::Command(axis as usize, &command))
-                        .unwrap();
+                    let axis = axis as usize;
+                    let taken = match standbys.repeats(axis, &command) {
+                        true => recorder.repeat(axis, &command),
+                        false => recorder.record(SampleRef::Command(axis, &command)),
+                    };
+                    taken.unwrap();
                 }
             }
             let mut instruments = Instruments::zeroed();
