@@ -253,7 +253,7 @@ impl RunLog {
             [one] => one.clone(),
             several => {
                 let all: Option<Vec<&str>> = several.iter().map(Option::as_deref).collect();
-                all.map(|all| digest::over_parts(all))
+                all.map(digest::over_parts)
             }
         }
     }
