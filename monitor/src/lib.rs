@@ -1,4 +1,4 @@
-//! The monitor process: records every sample.
+//! The monitor process: records the samples of a run.
 //!
 //! A reader descends so: [`log`] writes and reads `run.mcap`; `black_box` keeps what led to a fault. The crate `report` measures
 //! errors, arcs and reversals, and has the signals that can be shown and triggered on.

@@ -1,9 +1,9 @@
-//! The log of a run, `run.mcap`: every sample, self-describing, readable by Foxglove and PlotJuggler.
+//! The log of a run, `run.mcap`: the samples of its level, self-describing. MCAP: <https://mcap.dev/spec>.
 //!
 //! The samples are plain old data without padding and every field is at a multiple of its size, so their
-//! little-endian bytes already are CDR (XCDR1, OMG DDS-XTypes 1.3 §7.4.1). A message is the four bytes of the
-//! encapsulation header and the sample, cut to the axes and subsamples in use; its schema is generated from the same
-//! table of fields (`layout`). MCAP: <https://mcap.dev/spec>.
+//! little-endian bytes already are CDR (XCDR1, OMG DDS-XTypes 1.3 §7.4.1), cut to the axes and subsamples in use
+//! (`layout`). What comes scan by scan is written in columns, some hundred scans a message (`columns`), and put back into its
+//! order when it is read (`group`); what comes seldom is a message each (`codec`). Schemas are made from the same tables of fields.
 //!
 //! A recorder that replaces a dead one begins a further part, `run-2.mcap` … ([`RunLog`] reads them as one).
 //!

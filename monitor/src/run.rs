@@ -1,4 +1,4 @@
-//! The monitor as a process: it records every sample and disturbs nothing.
+//! The monitor as a process: it records the samples of a run and disturbs nothing.
 
 use std::time::{Duration, Instant};
 

@@ -247,7 +247,7 @@ impl RunLog {
     }
 
     /// The digest of everything read: that of the part where there is one, over the parts' own in their order where there are
-    /// several; none where a part that does not have every sample does not end.
+    /// several; none where a part below level `full` was not ended.
     pub fn digest(&self) -> Option<String> {
         match self.digests.as_slice() {
             [one] => one.clone(),
