@@ -63,6 +63,7 @@ impl FromStr for LogLevel {
 pub struct LogKeeping {
     /// What is recorded where `--log` does not say.
     #[serde(default)]
+    #[schemars(extend("default" = "control"))]
     pub level: LogLevel,
     /// Run directories of this machine below `runs/` take at most so much, the oldest go first; those that `up --out DIR` writes to DIR
     /// too. Without it `run` removes nothing, and `up` keeps at most 20 GB, or a tenth of the disk where that is less, of the runs of
