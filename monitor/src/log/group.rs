@@ -3,8 +3,11 @@
 use std::collections::VecDeque;
 
 use super::codec::Content;
-use super::columns::Columns;
+use super::columns::{Columns, ROWS_MAX};
 use super::sample::LoggedWindow;
+
+/// Messages that wait for feedbacks: a log has far fewer before they come. In a damaged one they may never come.
+const WAITING_MAX: usize = 128;
 
 /// Rows of one channel.
 struct Rows {
@@ -97,9 +100,12 @@ impl Group {
     /// What comes next: before a feedback stands all that is visible in its scan. None before the next feedbacks are there.
     pub(super) fn next(&mut self) -> Option<Next<'_>> {
         let feedback = self.feedbacks.as_ref().and_then(Rows::next_visible);
-        if feedback.is_none() && !self.ended {
+        if feedback.is_none() {
             self.channels.retain(|rows| rows.next().is_some());
-            return None;
+            let waits = self.channels.len().max(self.windows.len() / ROWS_MAX);
+            if !self.ended && waits <= WAITING_MAX {
+                return None;
+            }
         }
         let is_visible = |from: u64| feedback.is_none_or(|scan| from <= scan);
         let before = self
@@ -116,5 +122,42 @@ impl Group {
         rows.at += rows.row_bytes;
         let row = rows.bytes.get(rows.at - rows.row_bytes..rows.at)?;
         Some(Next::Row(rows.content, row))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use bus::sample::PlannerStatus;
+    use machine::LogLevel;
+
+    use super::super::codec::Codec;
+    use super::super::layout::Extent;
+    use super::*;
+
+    #[test]
+    fn a_log_without_feedbacks_is_handed_on_before_it_fills_the_memory() {
+        let extent = Extent {
+            axes: vec!["X".into()],
+            subsamples: 1,
+        };
+        let codec = Codec::of_level(&extent, LogLevel::Control);
+        let columns = Columns::of(codec.planner.clone());
+        let mut row = Vec::new();
+        let status = PlannerStatus::default();
+        columns.row.encode(bytemuck::bytes_of(&status), &mut row);
+        let mut group = Group::default();
+        let mut handed_on = 0;
+        for _ in 0..10 * WAITING_MAX {
+            group.take((Content::Planner, 0), &columns, row.clone());
+            while group.next().is_some() {
+                handed_on += 1;
+            }
+            assert!(group.channels.len() <= WAITING_MAX + 1);
+        }
+        group.end();
+        while group.next().is_some() {
+            handed_on += 1;
+        }
+        assert_eq!(handed_on, 10 * WAITING_MAX);
     }
 }
