@@ -54,7 +54,8 @@ fn of(model: &Model) -> CellState {
     let readout = dro::of(model, &mut axes);
     let mut says = model.says();
     if let Some(scarce) = &model.scarce {
-        says.next = format!("{}; {scarce}", says.next);
+        // First, so that a narrow terminal does not cut it off.
+        says.next = format!("{scarce}; {}", says.next);
     }
     let mut state = CellState {
         cell: model.cell.clone(),
