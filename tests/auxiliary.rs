@@ -42,11 +42,7 @@ fn the_real_processes_do_events_as_one_process_does_and_the_report_lists_them() 
     let mut digest = String::new();
     let mut last: Option<Feedback> = None;
     while let Some(published) = cell.scan() {
-        let instruments = published.instruments;
-        digest = format!(
-            "{:016x}{:016x}",
-            instruments.motion_digest_high, instruments.motion_digest_low
-        );
+        digest = format!("{:032x}", published.instruments.motion_digest());
         last = Some(*published.feedback);
     }
     assert_eq!(last.map(|f| f.mode), Some(Mode::Finished as u32));

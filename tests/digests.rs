@@ -143,11 +143,7 @@ fn check_in_one_process(row: &Row) {
     let mut cell = InProcessCell::new(&machine, &plant, &row.program, &program).expect("a cell");
     let mut digest = String::new();
     while let Some(published) = cell.scan() {
-        let (high, low) = (
-            published.instruments.motion_digest_high,
-            published.instruments.motion_digest_low,
-        );
-        digest = format!("{high:016x}{low:016x}");
+        digest = format!("{:032x}", published.instruments.motion_digest());
     }
     assert_eq!(digest, row.motion_digest, "{row:?}");
 }

@@ -17,16 +17,12 @@ fn an_in_process_cell_has_the_motion_digest_of_the_real_run() {
         let plant = PlantFile::load(&bench.path().join("plant.toml")).expect("plant.toml");
         let shown = program.display().to_string();
         let mut cell = InProcessCell::new(&machine, &plant, &shown, &text).expect("a cell");
-        let (mut scans, mut digest) = (0u64, (0, 0));
+        let (mut scans, mut digest) = (0u64, 0);
         while let Some(printed) = cell.scan() {
             scans = printed.feedback.scan;
-            let instruments = printed.instruments;
-            digest = (
-                instruments.motion_digest_high,
-                instruments.motion_digest_low,
-            );
+            digest = printed.instruments.motion_digest();
         }
-        let hex = format!("{:016x}{:016x}", digest.0, digest.1);
+        let hex = format!("{digest:032x}");
         assert_eq!(real["motion_digest"], hex.as_str(), "{name}, {scans} scans");
     }
 }

@@ -524,6 +524,13 @@ table!(
     table_mm @ AxesAndSubsamples, motor_mm @ AxesAndSubsamples,
 );
 
+impl Instruments {
+    /// The master's running digest.
+    pub fn motion_digest(&self) -> u128 {
+        u128::from(self.motion_digest_high) << 64 | u128::from(self.motion_digest_low)
+    }
+}
+
 /// What one servo asks of its drive for one scan.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend)]
 #[type_name("quadrant/AxisCommand/7")]

@@ -14,7 +14,7 @@ const PLENTY_BYTES: u64 = 20_000_000_000;
 const SCAN_BYTES: f64 = 80.0;
 /// and so much for each axis;
 const AXIS_BYTES: f64 = 135.0;
-/// so many times as much with the state of every servo.
+/// the factor by which the state of every servo makes that more.
 const FULL_TIMES: f64 = 3.5;
 
 /// Room of a file system, in bytes.

@@ -35,7 +35,7 @@ const LOOK_PERIOD: Duration = Duration::from_secs(1);
 pub struct Retention {
     machine: String,
     keep: LogKeeping,
-    /// Whether the machine file asks for it, so that it is of all runs and not only of those of cells.
+    /// The machine file asks for it: all runs count, not only runs of cells.
     asked: bool,
     /// Where the next runs are written.
     folder: PathBuf,
@@ -305,7 +305,7 @@ fn size(bytes: u64) -> String {
     }
 }
 
-/// Whether a folder in that of a cell is a run directory, and not what somebody else has put there.
+/// Whether a folder below the folder of a cell is a run directory, and nothing that somebody else has put there.
 pub fn is_of_cell(folder: &Path) -> bool {
     let has = |name| folder.join(name).exists();
     monitor::run_number(folder).is_some() && has("machine.toml") && has(LOG_FILE)
@@ -318,7 +318,7 @@ fn is_of_up(folder: &Path) -> bool {
 }
 
 /// The folders in a folder.
-pub fn folders(folder: &Path) -> impl Iterator<Item = PathBuf> {
+pub fn folders(folder: &Path) -> impl Iterator<Item = PathBuf> + use<> {
     let entries = fs::read_dir(folder).into_iter().flatten().flatten();
     // A link leads to what somebody else has made.
     let own = entries.filter(|entry| entry.file_type().is_ok_and(|of| of.is_dir()));

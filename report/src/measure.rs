@@ -275,13 +275,8 @@ impl Analysis {
     /// One scan, all channels.
     fn scan(&mut self, set: &ScanSet) {
         if let Some(instruments) = &set.instruments {
-            let halves = [
-                instruments.motion_digest_high,
-                instruments.motion_digest_low,
-            ];
-            let digest = u128::from(halves[0]) << 64 | u128::from(halves[1]);
             // Zero is in a log that has not all of a sample: its recorder has noted the digest.
-            self.motion_digest = Some(digest)
+            self.motion_digest = Some(instruments.motion_digest())
                 .filter(|digest| *digest != 0)
                 .or(self.motion_digest);
         }

@@ -16,6 +16,7 @@ use crate::options::{RunsCommand, RunsOptions};
 use console::exit::{Kind, Outcome};
 use console::logs;
 use console::output::{plain, say};
+use launcher::retention::folders;
 
 /// `quadrant runs`.
 pub fn runs(options: &RunsOptions) -> Outcome {
@@ -62,7 +63,7 @@ fn each(runs: &[PathBuf], word: &str, change: impl Fn(&Path) -> io::Result<()>) 
 
 /// The folder of a cell that stays up holds runs, and is none.
 pub(super) fn must_be_no_cell(folder: &Path) -> anyhow::Result<()> {
-    let mut runs: Vec<PathBuf> = found::folders(folder).collect();
+    let mut runs: Vec<PathBuf> = folders(folder).collect();
     runs.retain(|run| monitor::run_number(run).is_some());
     runs.sort();
     match runs.as_slice() {
@@ -100,7 +101,7 @@ fn may_go(run: &Path, marked: bool) -> anyhow::Result<()> {
     if run.join(MARK_FILE).exists() && !marked {
         bail!("{shown}: is marked: `quadrant runs unmark`, or --marked to remove it all the same");
     }
-    let names = found::folders(run).filter_map(|folder| Some(folder.file_name()?.to_owned()));
+    let names = folders(run).filter_map(|folder| Some(folder.file_name()?.to_owned()));
     let mut names = names.map(|name| plain(&name.to_string_lossy()));
     if let Some(name) = names.find(|name| !name.starts_with("against-")) {
         bail!("{shown}: holds the folder {name}, which is of no run: move it away first");

@@ -1,4 +1,4 @@
-//! What every feedback must hold, whoever sees it: a soak of real processes, where some are not seen, and a cell in one process.
+//! Invariants of feedbacks, for a soak of real processes, which does not see all of them, and for a cell in one process.
 //!
 //! | name | in words | tolerance |
 //! |---|---|---|
@@ -90,7 +90,7 @@ pub(super) fn fastest_mm_s(axis: &AxisFeedback) -> f64 {
     axis.velocity_mm_s.abs().max(commanded_mm_s)
 }
 
-/// Whether command positions are those of setpoints.
+/// Whether the command positions follow setpoints.
 fn is_commanded(mode: u32) -> bool {
     matches!(
         Mode::from_wire(mode),

@@ -95,7 +95,7 @@ impl Form {
     }
 }
 
-/// The channels of a log: all of them, those of each axis, that of the fieldbus.
+/// All channels of a log; among them, by index, the channels of each axis and of the fieldbus.
 pub(super) type Made = (Vec<Channel>, Vec<AxisChannels>, Option<usize>);
 
 pub(super) fn make_channels(

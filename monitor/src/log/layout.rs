@@ -44,7 +44,7 @@ pub struct Layout {
 /// A number of a message.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Number {
-    /// Its name: those of the fields that it is in, its axis, its place in an array.
+    /// Names of the fields that it is in, its axis, its place in an array, joined by underscores.
     pub name: String,
     /// Name of its type in ROS 2 interface files.
     pub kind: &'static str,

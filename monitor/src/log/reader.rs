@@ -27,7 +27,7 @@ const MESSAGE_HEADER_BYTES: usize = 2 + 4 + 8 + 8;
 struct KnownChannel {
     topic: String,
     content: Option<Content>,
-    /// Where it stands among those of the same content.
+    /// Its place among the channels of the same content.
     place: usize,
     /// How its samples are written; none where each has a message.
     columns: Option<Columns>,

@@ -58,7 +58,7 @@ pub struct Recorder {
     channels: Vec<Channel>,
     codec: Codec,
     commands: Vec<AxisChannels>,
-    /// Commands of a servo that were those of the other one, and so are not in the log.
+    /// Commands of standbys that said the same as the servo in force, and so are not in the log.
     commands_alike: u64,
     /// Mode and cause of the machine.
     mode: (u32, u32),
@@ -225,11 +225,7 @@ impl Recorder {
                 FEEDBACK
             }
             SampleRef::Instruments(instruments) => {
-                let halves = [
-                    instruments.motion_digest_high,
-                    instruments.motion_digest_low,
-                ];
-                self.motion_digest = Some(u128::from(halves[0]) << 64 | u128::from(halves[1]));
+                self.motion_digest = Some(instruments.motion_digest());
                 INSTRUMENTS
             }
             SampleRef::BusCycle(_) => self.bus_cycle.ok_or_else(|| {
@@ -262,7 +258,7 @@ impl Recorder {
         }
     }
 
-    /// A command of a standby that is that of the servo in force: only a log of everything has it.
+    /// A command of a standby that says the same as the servo in force: only a log of everything has it.
     ///
     /// # Errors
     /// As [`Recorder::record`].
@@ -299,28 +295,27 @@ impl Recorder {
 
     /// Takes a sample into the digest of its channel, and where it `goes_in`, into the log.
     fn take(&mut self, which: usize, sample: SampleRef<'_>, goes_in: bool) -> Result<(), LogError> {
-        self.message.truncate(ENCAPSULATION.len());
-        self.codec.encode(sample, &mut self.message);
-        let time_ns = self.time_ns(sample.scan());
+        let (row, time_ns) = (sample.bytes(), self.time_ns(sample.scan()));
+        if which == ROSTER || which == EVENT {
+            // What comes seldom stands where it belongs between the others; a window names its scan itself.
+            self.write_rows()?;
+        }
         let Some(channel) = self.channels.get_mut(which) else {
             return Ok(());
         };
+        if channel.counts || row.is_none() {
+            self.message.truncate(ENCAPSULATION.len());
+            self.codec.encode(sample, &mut self.message);
+        }
         if channel.counts {
             channel.hash.update(&self.message);
         }
         if !goes_in || !channel.levels.contains(&self.level) {
             return Ok(());
         }
-        match sample.bytes() {
-            Some(bytes) if channel.waiting.is_some() => self.add_row(which, bytes, time_ns),
-            _ if which == WINDOW => self.send(which, time_ns),
-            _ => {
-                // What comes seldom stands where it belongs between the others; a window names its scan itself.
-                self.write_rows()?;
-                self.message.truncate(ENCAPSULATION.len());
-                self.codec.encode(sample, &mut self.message);
-                self.send(which, time_ns)
-            }
+        match row {
+            Some(row) => self.add_row(which, row, time_ns),
+            None => self.send(which, time_ns),
         }
     }
 

@@ -49,7 +49,7 @@ pub struct RunEnd {
     pub digest: Option<String>,
     /// The master's digest of the motion, as the recorder had it last; set where the log ends.
     pub motion_digest: Option<String>,
-    /// Commands of standbys that were those of the servo in force, and so are not in the log; set where the log ends.
+    /// Commands of standbys that said the same as the servo in force, and so are not in the log; set where the log ends.
     pub commands_alike: u64,
 }
 

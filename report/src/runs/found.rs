@@ -10,7 +10,7 @@ use anyhow::Context;
 use bus::cell::CellPaths;
 use bus::observer::Observer;
 use chrono::{DateTime, SecondsFormat, Utc};
-use launcher::retention::{RUNS, is_open};
+use launcher::retention::{RUNS, folders, is_open};
 use monitor::log::LOG_FILE;
 use monitor::{MARK_FILE, run_number};
 use serde_json::{Value, json};
@@ -101,13 +101,6 @@ fn bytes(run: &Path) -> u64 {
     let files = files.filter_map(|file| file.metadata().ok());
     let sizes = files.filter(|file| file.is_file()).map(|file| file.len());
     sizes.sum()
-}
-
-/// The folders in a folder; not those that links lead to.
-pub(super) fn folders(folder: &Path) -> impl Iterator<Item = PathBuf> + use<> {
-    let entries = fs::read_dir(folder).into_iter().flatten().flatten();
-    let own = entries.filter(|entry| entry.file_type().is_ok_and(|of| of.is_dir()));
-    own.map(|entry| entry.path())
 }
 
 /// Whether a folder has what a run leaves, or a copy of it.
