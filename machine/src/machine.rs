@@ -45,8 +45,8 @@ pub struct Machine {
     pub manual: Manual,
     /// What follows when a process is lost ([all cases](faults.md)).
     pub restart: Restart,
-    /// How much of the [logs of earlier runs](run-directory.md) is kept. Without a key, of cells that stay up as much as the disk has
-    /// room for.
+    /// What is recorded of a run ([levels](run-directory.md#levels)), and how much of the
+    /// [logs of earlier runs](run-directory.md) is kept. Without a key, of cells that stay up as much as the disk has room for.
     pub log: LogKeeping,
     /// The spindle ([spindle, coolant, outputs and stops](../howto/spindle.md)). Without this table S, M3, M4, M5 and M19 are read and
     /// not acted on.
