@@ -234,7 +234,7 @@ fn features(of: &[&str]) -> BTreeSet<String> {
 /// What `cargo tree` prints.
 fn tree(arguments: &[&str]) -> String {
     let tree = Command::new(env!("CARGO"))
-        .args(["tree", "--offline"])
+        .args(["tree", "--locked"])
         .args(arguments)
         .current_dir(root())
         .output()
