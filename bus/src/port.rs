@@ -144,11 +144,14 @@ impl<T: Sample> Writer<T> {
     }
 }
 
+/// A sample where its writer put it: it stays as it is while somebody holds it.
+pub type Held<T> = iceoryx2::sample::Sample<ipc::Service, T, ()>;
+
 /// The reading end of a service.
 #[derive(Debug)]
 pub struct Reader<T: Sample> {
     subscriber: Subscriber<ipc::Service, T, ()>,
-    set_aside: Option<T>,
+    set_aside: Option<Held<T>>,
     newest_scan: Option<u64>,
     horizon_scans: u64,
     failed: u64,
@@ -185,14 +188,14 @@ impl<T: Sample> Reader<T> {
         Age::of(self.newest_scan, now)
     }
 
-    fn receive(&mut self) -> Option<T> {
+    fn receive(&mut self) -> Option<Held<T>> {
         if let Some(sample) = self.set_aside.take() {
             return Some(sample);
         }
         loop {
             match self.subscriber.receive() {
                 Ok(Some(sample)) if sample.is_whole() && sample.is_sound() => {
-                    return Some(*sample);
+                    return Some(sample);
                 }
                 Ok(None) => return None,
                 Ok(Some(_)) => self.failed += 1,
@@ -204,9 +207,14 @@ impl<T: Sample> Reader<T> {
         }
     }
 
-    /// The next sample in order that may be acted on in `scan`. One that is visible later than any can be is dropped and
-    /// counted in [`Reader::failed`].
+    /// The next sample in order that may be acted on in `scan`.
     pub fn next(&mut self, scan: u64) -> Option<T> {
+        self.next_held(scan).map(|sample| *sample)
+    }
+
+    /// The same without a copy, to be let go before the next. One that is visible later than any can be is dropped and counted in
+    /// [`Reader::failed`].
+    pub fn next_held(&mut self, scan: u64) -> Option<Held<T>> {
         loop {
             let sample = self.receive()?;
             match Visibility::of(sample.visible_from(), scan, self.horizon_scans) {
@@ -234,7 +242,7 @@ impl<T: Sample> Reader<T> {
 
     /// The next sample in order, whatever its scan: for recorders and observers, and for the feedback itself.
     pub fn any(&mut self) -> Option<T> {
-        self.receive()
+        self.receive().map(|sample| *sample)
     }
 
     /// Receptions that iceoryx2 refused, samples that are not what was sent (by their checksum), contradict themselves, or could

@@ -191,9 +191,11 @@ impl BlackBox {
     fn end_scan(&mut self, sample: &Feedback) -> Option<Event> {
         self.deaths.scan(sample.scan);
         let (codec, roster_before) = (&self.codec, &mut self.roster_before);
-        self.ring.push(sample.scan, &self.filling, |forgotten| {
-            remember_roster(codec, forgotten, roster_before);
-        });
+        // It comes first of its scan, and seldom.
+        let has_roster = self.filling.first() == Some(&(Content::Roster as u8));
+        let remember = |forgotten: &[u8]| remember_roster(codec, forgotten, roster_before);
+        self.ring
+            .push(sample.scan, &self.filling, has_roster, remember);
         self.filling.clear();
         let event = self.judge(sample);
         self.write_some(SCANS_PER_SCAN);
@@ -348,11 +350,8 @@ impl Drop for BlackBox {
     }
 }
 
-/// The roster among samples that are forgotten, if there is one: it comes first, and seldom.
+/// The newest roster among samples that are forgotten.
 fn remember_roster(codec: &Codec, bytes: &[u8], before: &mut Option<Box<Roster>>) {
-    if bytes.first() != Some(&(Content::Roster as u8)) {
-        return;
-    }
     for (content, _, body) in samples(bytes) {
         if content == Content::Roster
             && let Some(Sample::Roster(roster)) = codec.decode(content, body)

@@ -1,9 +1,10 @@
 //! The digest of a run: equal if and only if everything recorded is equal.
 //!
 //! Each channel has one writer and its own order, and what happens between two channels of one scan is chance. So
-//! every channel is hashed for itself (XXH3, 128 bits, over the message bytes in order) and the channels are put
-//! together in the order of their names. Derived channels (`/axis/…`, `/servo_state/…`), `/event` and `/bus_cycle` are left out: the first say
-//! nothing new, the second speaks to people, and what a wire does (times, damaged frames) is chance.
+//! every channel is hashed for itself (XXH3, 128 bits, over its messages in order) and the channels are put together in the
+//! order of their names. The checksum that a sample was sent with stands for it: whoever received it has checked that. Derived
+//! channels (`/axis/…`, `/servo_state/…`), `/event` and `/bus_cycle` are left out: the first say nothing new, the second speaks
+//! to people, and what a wire does (times, damaged frames) is chance.
 
 use std::collections::BTreeMap;
 

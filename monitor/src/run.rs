@@ -74,21 +74,21 @@ impl Ports {
             sinks.take(SampleRef::Roster(&sample))?;
         }
         if let Some(reader) = &mut self.bus_cycle {
-            while let Some(sample) = reader.next(scan) {
+            while let Some(sample) = reader.next_held(scan) {
                 sinks.take(SampleRef::BusCycle(&sample))?;
             }
         }
-        while let Some(sample) = self.instruments.next(scan) {
+        while let Some(sample) = self.instruments.next_held(scan) {
             sinks.take(SampleRef::Instruments(&sample))?;
         }
         for (axis, roles) in self.commands.iter_mut().enumerate() {
             for reader in roles {
-                while let Some(sample) = reader.next(scan) {
+                while let Some(sample) = reader.next_held(scan) {
                     sinks.take(SampleRef::Command(axis, &sample))?;
                 }
             }
         }
-        while let Some(sample) = self.planner.next(scan) {
+        while let Some(sample) = self.planner.next_held(scan) {
             sinks.take(SampleRef::Planner(&sample))?;
         }
         let mut result = Ok(());

@@ -7,6 +7,8 @@ struct Place {
     scan: u64,
     start: usize,
     length: usize,
+    /// It is handed over before it goes.
+    is_missed: bool,
 }
 
 impl Place {
@@ -43,8 +45,15 @@ impl Ring {
         }
     }
 
-    /// Puts the samples of the next scan in; each scan that has to go for it is handed to `forget` before.
-    pub(super) fn push(&mut self, scan: u64, samples: &[u8], mut forget: impl FnMut(&[u8])) {
+    /// Puts the samples of the next scan in. Those of scans that have to go for it and will be missed are handed to `forget` before:
+    /// nobody looks at the others, which are no longer near the processor.
+    pub(super) fn push(
+        &mut self,
+        scan: u64,
+        samples: &[u8],
+        is_missed: bool,
+        mut forget: impl FnMut(&[u8]),
+    ) {
         let length = samples.len();
         if length > self.bytes.len() {
             return;
@@ -79,11 +88,14 @@ impl Ring {
             scan,
             start,
             length,
+            is_missed,
         });
     }
 
     fn pop(&mut self, forget: &mut impl FnMut(&[u8])) {
-        if let Some(place) = self.places.pop_front() {
+        if let Some(place) = self.places.pop_front()
+            && place.is_missed
+        {
             forget(self.bytes.get(place.start..place.end()).unwrap_or_default());
         }
     }
@@ -119,7 +131,8 @@ mod tests {
         let mut forgotten = Vec::new();
         let length = |scan: u64| 10 + (scan * 37 % 91) as usize;
         for scan in 0..10_000u64 {
-            ring.push(scan, &samples(scan, length(scan)), |bytes| {
+            let is_missed = scan % 3 == 0;
+            ring.push(scan, &samples(scan, length(scan)), is_missed, |bytes| {
                 forgotten.push(bytes.to_vec());
             });
             let held: Vec<(u64, Vec<u8>)> =
@@ -135,11 +148,12 @@ mod tests {
                 );
             }
         }
-        // Each that went was handed over once, in order.
-        for (scan, bytes) in forgotten.iter().enumerate() {
-            assert_eq!(*bytes, samples(scan as u64, length(scan as u64)));
+        // Each that went and is missed was handed over once, in order.
+        for (scan, bytes) in (0..).step_by(3).zip(&forgotten) {
+            assert_eq!(*bytes, samples(scan, length(scan)));
         }
-        assert_eq!(forgotten.len() + ring.held().0, 10_000);
+        let gone = 10_000 - ring.held().0;
+        assert_eq!(forgotten.len(), gone.div_ceil(3));
         assert_eq!(ring.from(9_995).count(), 5);
         assert_eq!(ring.from(10_000).count(), 0);
     }
@@ -147,9 +161,9 @@ mod tests {
     #[test]
     fn what_is_larger_than_the_ring_is_left_out() {
         let mut ring = Ring::new(100, 10);
-        ring.push(1, &samples(1, 50), |_| {});
-        ring.push(2, &samples(2, 101), |_| {});
-        ring.push(3, &samples(3, 50), |_| {});
+        ring.push(1, &samples(1, 50), false, |_| {});
+        ring.push(2, &samples(2, 101), false, |_| {});
+        ring.push(3, &samples(3, 50), false, |_| {});
         let scans: Vec<u64> = ring.from(0).map(|(scan, _)| scan).collect();
         assert_eq!(scans, [1, 3]);
     }

@@ -4,6 +4,8 @@
 //! A message is `rows`, how many samples it holds, and for each number an array: with as many values as there are samples; with one,
 //! where it is the same in all of them; with two, a first value and a step, where a whole number rises by the same step.
 
+use std::slice::ChunksExact;
+
 use super::codec::ENCAPSULATION;
 use super::layout::{Layout, Number};
 
@@ -46,15 +48,16 @@ impl Columns {
     pub(super) fn encode(&self, rows: &[u8], message: &mut Vec<u8>) {
         let row_bytes = self.row.bytes.max(1);
         put(message, (rows.len() / row_bytes) as u64, 4);
-        let mut values = Vec::with_capacity(ROWS_MAX);
+        let (mut fours, mut eights) = (Vec::new(), Vec::new());
         let mut at = 0;
         for number in &self.row.numbers {
-            let bytes = number.piece.1;
-            values.clear();
             let rows = rows.chunks_exact(row_bytes);
-            values.extend(rows.filter_map(|row| value(row.get(at..at + bytes)?)));
-            put_column(number, &values, message);
-            at += bytes;
+            if number.piece.1 == 4 {
+                put_column::<4>(number, rows, at, &mut fours, message);
+            } else {
+                put_column::<8>(number, rows, at, &mut eights, message);
+            }
+            at += number.piece.1;
         }
     }
 
@@ -107,40 +110,52 @@ fn value(bytes: &[u8]) -> Option<u64> {
     }
 }
 
-/// Appends a value of so many bytes, at a multiple of its length from the encapsulation header on.
-fn put(message: &mut Vec<u8>, value: u64, bytes: usize) {
+/// What comes next stands at a multiple of its length from the encapsulation header on.
+fn align(message: &mut Vec<u8>, bytes: usize) {
     let start = ENCAPSULATION.len();
     message.resize(start + (message.len() - start).next_multiple_of(bytes), 0);
+}
+
+/// Appends a value of so many bytes.
+fn put(message: &mut Vec<u8>, value: u64, bytes: usize) {
+    align(message, bytes);
     message.extend_from_slice(value.to_le_bytes().get(..bytes).unwrap_or_default());
 }
 
-/// Appends a column; its values stand one behind the other, so that looking at them twice costs little.
-fn put_column(number: &Number, values: &[u64], message: &mut Vec<u8>) {
-    let bytes = number.piece.1;
-    let mask = u64::MAX >> (64 - 8 * bytes);
-    let first = values.first().copied().unwrap_or(0);
-    let step = |pair: &[u64]| match pair {
-        [one, next] => next.wrapping_sub(*one) & mask,
+/// Appends the column that begins at `at` of each row. `values` is memory to put its values one behind the other, so that looking at
+/// them twice costs little.
+fn put_column<const BYTES: usize>(
+    number: &Number,
+    rows: ChunksExact<'_, u8>,
+    at: usize,
+    values: &mut Vec<[u8; BYTES]>,
+    message: &mut Vec<u8>,
+) {
+    values.clear();
+    values.extend(rows.filter_map(|row| row.get(at..)?.first_chunk::<BYTES>()));
+    let of = |bytes: &[u8; BYTES]| value(bytes).unwrap_or(0);
+    let first = values.first().map_or(0, of);
+    if values.iter().all(|other| of(other) == first) {
+        put(message, 1, 4);
+        put(message, first, BYTES);
+        return;
+    }
+    let mask = u64::MAX >> (64 - 8 * BYTES);
+    let step = |pair: &[[u8; BYTES]]| match pair {
+        [one, next] => of(next).wrapping_sub(of(one)) & mask,
         _ => 0,
     };
     let mut steps = values.windows(2).map(step);
     let rise = steps.next().unwrap_or(0);
-    let is_even = (rise == 0 || number.is_whole()) && steps.all(|other| other == rise);
-    if is_even && rise == 0 {
-        put(message, 1, 4);
-        put(message, first, bytes);
-    } else if is_even && values.len() > 2 {
+    if number.is_whole() && values.len() > 2 && steps.all(|other| other == rise) {
         put(message, 2, 4);
-        put(message, first, bytes);
-        put(message, rise, bytes);
-    } else {
-        put(message, values.len() as u64, 4);
-        put(message, first, bytes);
-        // What stands behind the first value is aligned as it is.
-        for value in values.iter().skip(1).map(|value| value.to_le_bytes()) {
-            message.extend_from_slice(value.get(..bytes).unwrap_or_default());
-        }
+        put(message, first, BYTES);
+        put(message, rise, BYTES);
+        return;
     }
+    put(message, values.len() as u64, 4);
+    align(message, BYTES);
+    message.extend_from_slice(values.as_flattened());
 }
 
 /// What of a body has been taken.

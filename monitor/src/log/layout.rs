@@ -100,6 +100,12 @@ impl Layout {
         }
     }
 
+    /// The checksum at the end of a message, of a sample that is sent with one.
+    pub fn seal(&self, message: &[u8]) -> Option<[u8; 8]> {
+        let last = self.numbers.last()?;
+        (last.name == "checksum").then_some(*message.last_chunk()?)
+    }
+
     /// Puts a message back into a sample's bytes, unused ones left as they are; false if the lengths do not fit.
     pub fn decode(&self, message: &[u8], sample: &mut [u8]) -> bool {
         if message.len() != self.bytes || sample.len() != self.memory_bytes {

@@ -303,12 +303,16 @@ impl Recorder {
         let Some(channel) = self.channels.get_mut(which) else {
             return Ok(());
         };
-        if channel.counts || row.is_none() {
+        let seal = sample.seal();
+        if row.is_none() || (channel.counts && seal.is_none()) {
             self.message.truncate(ENCAPSULATION.len());
             self.codec.encode(sample, &mut self.message);
         }
         if channel.counts {
-            channel.hash.update(&self.message);
+            match seal {
+                Some(seal) => channel.hash.update(&seal.to_le_bytes()),
+                None => channel.hash.update(&self.message),
+            }
         }
         if !goes_in || !channel.levels.contains(&self.level) {
             return Ok(());

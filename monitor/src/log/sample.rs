@@ -95,6 +95,20 @@ impl<'a> SampleRef<'a> {
         })
     }
 
+    /// The checksum that it was sent with, which stands for all that it says; none of what is sent without, or seldom.
+    pub(crate) fn seal(&self) -> Option<u64> {
+        Some(match self {
+            SampleRef::Feedback(sample) => sample.checksum,
+            SampleRef::Command(_, sample) => sample.checksum,
+            SampleRef::Planner(sample) => sample.checksum,
+            SampleRef::Instruments(_)
+            | SampleRef::Roster(_)
+            | SampleRef::BusCycle(_)
+            | SampleRef::Window(..)
+            | SampleRef::Event(_) => return None,
+        })
+    }
+
     /// Scan that it belongs to in the log.
     pub fn scan(&self) -> u64 {
         match self {
