@@ -69,11 +69,17 @@ fn all_pids() -> impl Iterator<Item = i32> {
     entries.filter_map(|entry| entry.file_name().to_str()?.parse().ok())
 }
 
-/// What a process holds; none of one that is gone.
+/// What a process holds of its own; none of one that is gone. Shared memory is the cell's: its segments are as large as they are from
+/// the start, and become resident where a queue is full for the first time, behind a client that was stopped.
 pub fn held(pid: i32) -> Option<Held> {
     let status = fs::read_to_string(format!("/proc/{pid}/status")).ok()?;
-    let line = status.lines().find(|line| line.starts_with("VmRSS:"))?;
-    let kb = line.split_whitespace().nth(1)?.parse().ok()?;
+    let own = ["RssAnon:", "RssFile:"];
+    let lines = status
+        .lines()
+        .filter(|line| own.iter().any(|key| line.starts_with(key)));
+    let kb = lines
+        .map(|line| line.split_whitespace().nth(1)?.parse::<u64>().ok())
+        .sum::<Option<u64>>()?;
     let files = fs::read_dir(format!("/proc/{pid}/fd")).ok()?.count();
     Some(Held { kb, files }).filter(|held| held.kb > 0)
 }
