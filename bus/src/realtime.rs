@@ -3,6 +3,7 @@
 use std::io;
 
 use rustix::mm::{MlockAllFlags, mlockall};
+use rustix::process::setpriority_process;
 use rustix::thread::{ClockId, CpuSet, sched_getaffinity, sched_setaffinity};
 use rustix::time::{Timespec, clock_gettime};
 
@@ -62,6 +63,12 @@ pub fn lower() {
     unsafe {
         libc::sched_setscheduler(0, libc::SCHED_OTHER, &raw const parameter);
     }
+}
+
+/// Lets others of ordinary priority go before the calling thread: for what may take its time.
+pub fn step_back() {
+    // Of the calling thread alone (Linux, setpriority(2)). If it is refused it competes as before.
+    let _ = setpriority_process(None, 10);
 }
 
 /// Keeps in memory whatever this process touches from now on, and what it has touched.

@@ -10,7 +10,6 @@
 //! Times in the log are scan × scan period from the start of the run: no wall clock is in any message.
 
 mod attached;
-mod behind;
 mod channels;
 pub(crate) mod codec;
 mod columns;
@@ -19,6 +18,7 @@ mod error;
 mod feed;
 mod group;
 pub(crate) mod layout;
+mod packer;
 mod parts;
 #[cfg(test)]
 mod parts_tests;

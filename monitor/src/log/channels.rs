@@ -1,20 +1,19 @@
 //! The channels of a log: what each is written as, and from which level on.
 
 use std::collections::BTreeMap;
-use std::io::BufWriter;
 use std::ops::RangeInclusive;
+use std::sync::Arc;
 
 use bus::sample::{AxisCommand, Setpoint, WindowHeader};
 use bus::service::ROLES;
 use machine::{LogLevel, Machine};
 use mcap::Writer;
-use mcap::write::NoSeek;
 
-use super::behind::Behind;
 use super::codec::Codec;
 use super::columns::Columns;
 use super::derived::AxisRow;
 use super::layout::{Extent, Layout, definitions_of, join_definitions};
+use super::packer::Sink;
 use crate::digest::{self, ChannelHash};
 
 pub(super) const FEEDBACK: usize = 0;
@@ -24,7 +23,6 @@ pub(super) const ROSTER: usize = 3;
 pub(super) const WINDOW: usize = 4;
 pub(super) const EVENT: usize = 5;
 pub(super) const AXES: usize = 6;
-pub(super) type Sink = NoSeek<BufWriter<Behind>>;
 
 pub(super) struct Channel {
     pub(super) id: u16,
@@ -40,7 +38,7 @@ pub(super) struct Channel {
 
 /// Rows that wait for the others of their time.
 pub(super) struct Waiting {
-    pub(super) columns: Columns,
+    pub(super) columns: Arc<Columns>,
     pub(super) rows: Vec<u8>,
     /// Of the first row.
     pub(super) time_ns: u64,
@@ -86,7 +84,7 @@ impl Form {
             waiting: match self {
                 Form::Messages(_) => None,
                 Form::Columns(columns) => Some(Waiting {
-                    columns,
+                    columns: Arc::new(columns),
                     rows: Vec::new(),
                     time_ns: 0,
                 }),

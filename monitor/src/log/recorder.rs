@@ -1,4 +1,4 @@
-//! Writes the log; the file itself is written by a thread of its own ([`super::behind`]). What it costs per scan is measured
+//! Writes the log; a thread of its own packs it and writes the file ([`super::packer`]). What it costs per scan is measured
 //! by an ignored test in `log/tests.rs`.
 
 use std::borrow::Cow;
@@ -6,6 +6,7 @@ use std::fs::File;
 use std::io::BufWriter;
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use bus::sample::AxisCommand;
@@ -14,9 +15,8 @@ use mcap::records::MessageHeader;
 use mcap::write::NoSeek;
 use mcap::{Attachment, Compression, WriteOptions, Writer};
 
-use super::behind::{Written, write_behind};
 use super::channels::{
-    AXES, AxisChannels, Channel, EVENT, FEEDBACK, Form, INSTRUMENTS, PLANNER, ROSTER, Sink, WINDOW,
+    AXES, AxisChannels, Channel, EVENT, FEEDBACK, Form, INSTRUMENTS, PLANNER, ROSTER, WINDOW,
     make_channels,
 };
 use super::codec::{Codec, ENCAPSULATION};
@@ -24,6 +24,7 @@ use super::columns::{Columns, ROWS_MAX};
 use super::derived::{AxisRow, Rows};
 use super::error::LogError;
 use super::layout::Extent;
+use super::packer::Packer;
 use super::parts;
 use super::run_info::{LEVEL, RunEnd, RunInfo};
 use super::sample::SampleRef;
@@ -46,7 +47,7 @@ const WHOLE_EVERY_SCANS: u64 = 1000;
 /// The log being written.
 pub struct Recorder {
     path: PathBuf,
-    writer: Writer<Sink>,
+    packer: Packer,
     extent: Extent,
     period_ns: u64,
     /// What the file has, and what goes into it at present.
@@ -72,8 +73,6 @@ pub struct Recorder {
     whole_rows: Vec<(usize, u64, AxisRow)>,
     flushed: Instant,
     scans_until_clock_look: u32,
-    /// Dropped last, after the writer has written its end.
-    written: Written,
 }
 
 impl Recorder {
@@ -148,7 +147,6 @@ impl Recorder {
         packing: Packing,
     ) -> Result<Recorder, mcap::McapError> {
         let (chunk_bytes, effort) = packing;
-        let (file, written) = write_behind(file)?;
         // Without seeking a chunk reaches the file whole: a killed recorder leaves a cut end, never a wrong length.
         let mut writer = WriteOptions::new()
             .compression(Some(Compression::Zstd))
@@ -173,10 +171,9 @@ impl Recorder {
         let (channels, commands, bus_cycle) = make_channels(&mut writer, machine, &extent, level)?;
         // A successor of a recorder that was ready finds at least its beginning.
         writer.flush()?;
-        written.wait()?;
         Ok(Recorder {
             path: path.into(),
-            writer,
+            packer: Packer::start(writer)?,
             period_ns: u64::from(machine.scan.period_us) * 1000,
             of_file: level,
             level,
@@ -195,7 +192,6 @@ impl Recorder {
             flushed: Instant::now(),
             scans_until_clock_look: 0,
             extent,
-            written,
         })
     }
 
@@ -319,7 +315,7 @@ impl Recorder {
         }
         match row {
             Some(row) => self.add_row(which, row, time_ns),
-            None => self.send(which, time_ns),
+            None => self.send(which, time_ns, self.message.clone(), |message| message),
         }
     }
 
@@ -347,11 +343,14 @@ impl Recorder {
             let Some(waiting) = waiting.filter(|waiting| !waiting.rows.is_empty()) else {
                 continue;
             };
-            self.message.truncate(ENCAPSULATION.len());
-            waiting.columns.encode(&waiting.rows, &mut self.message);
-            waiting.rows.clear();
-            let time_ns = waiting.time_ns;
-            self.send(which, time_ns)?;
+            let (columns, time_ns) = (Arc::clone(&waiting.columns), waiting.time_ns);
+            let room = Vec::with_capacity(waiting.rows.len());
+            let rows = std::mem::replace(&mut waiting.rows, room);
+            self.send(which, time_ns, rows, move |rows| {
+                let mut message = ENCAPSULATION.to_vec();
+                columns.encode(&rows, &mut message);
+                message
+            })?;
         }
         Ok(())
     }
@@ -388,9 +387,11 @@ impl Recorder {
         }
         let columns = Columns::of(Codec::of_level(&self.extent, self.of_file).command);
         let topic = format!("/command/{letter}/b");
-        let made = Form::Columns(columns).channel(&mut self.writer, &topic, LogLevel::Axes);
-        self.channels
-            .push(made.map_err(LogError::of_writer(&self.path))?);
+        let form = Form::Columns(columns);
+        let make = move |log: &mut _| form.channel(log, &topic, LogLevel::Axes);
+        let made = self.packer.ask(make);
+        let made = made.map_err(LogError::of_file(&self.path))?;
+        self.channels.push(made);
         Ok(*known.insert(self.channels.len() - 1))
     }
 
@@ -415,7 +416,7 @@ impl Recorder {
     }
 
     fn wait(&self) -> Result<(), LogError> {
-        let written = self.written.wait();
+        let written = self.packer.wait();
         written.map_err(LogError::of_file(&self.path))
     }
 
@@ -423,8 +424,8 @@ impl Recorder {
     fn hand_over(&mut self) -> Result<(), LogError> {
         self.flushed = Instant::now();
         self.write_rows()?;
-        let flushed = self.writer.flush();
-        flushed.map_err(LogError::of_writer(&self.path))
+        let flushed = self.packer.hand_over(0, Writer::flush);
+        flushed.map_err(LogError::of_file(&self.path))
     }
 
     /// The digest of everything recorded so far, in hexadecimal.
@@ -451,12 +452,11 @@ impl Recorder {
             commands_alike: self.commands_alike,
             ..end.clone()
         };
-        let ended = self
-            .writer
-            .write_metadata(&end.to_record())
-            .and_then(|()| self.writer.finish());
-        ended.map_err(LogError::of_writer(&self.path))?;
-        self.wait()?;
+        let ended = self.packer.ask(move |log| {
+            log.write_metadata(&end.to_record())?;
+            log.finish()
+        });
+        ended.map_err(LogError::of_file(&self.path))?;
         Ok(digest)
     }
 
@@ -464,8 +464,14 @@ impl Recorder {
         scan.saturating_mul(self.period_ns)
     }
 
-    /// Writes the message that has been put together.
-    fn send(&mut self, which: usize, time_ns: u64) -> Result<(), LogError> {
+    /// Hands over the message that is made of `data`.
+    fn send(
+        &mut self,
+        which: usize,
+        time_ns: u64,
+        data: Vec<u8>,
+        message_of: impl FnOnce(Vec<u8>) -> Vec<u8> + Send + 'static,
+    ) -> Result<(), LogError> {
         let Some(channel) = self.channels.get_mut(which) else {
             return Ok(());
         };
@@ -476,8 +482,10 @@ impl Recorder {
             publish_time: time_ns,
         };
         channel.sequence = channel.sequence.wrapping_add(1);
-        let sent = self.writer.write_to_known_channel(&header, &self.message);
-        sent.map_err(LogError::of_writer(&self.path))
+        let sent = self.packer.hand_over(data.len(), move |log| {
+            log.write_to_known_channel(&header, &message_of(data))
+        });
+        sent.map_err(LogError::of_file(&self.path))
     }
 
     /// Hands on the rows for people that have become whole.
