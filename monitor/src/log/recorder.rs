@@ -13,7 +13,7 @@ use bus::sample::AxisCommand;
 use machine::{LogLevel, Machine};
 use mcap::records::MessageHeader;
 use mcap::write::NoSeek;
-use mcap::{Attachment, Compression, WriteOptions, Writer};
+use mcap::{Attachment, Compression, WriteOptions};
 
 use super::channels::{
     AXES, AxisChannels, Channel, EVENT, FEEDBACK, Form, INSTRUMENTS, PLANNER, ROSTER, WINDOW,
@@ -41,6 +41,9 @@ const FLUSH_PERIOD: Duration = Duration::from_millis(500);
 /// Scans between two looks at the clock.
 const SCANS_PER_CLOCK_LOOK: u32 = 16;
 
+/// Bytes of messages that are handed over at once, so that the packer sleeps in between.
+const UNPACKED_BYTES_MAX: usize = 8 << 20;
+
 /// Scans between two whole states of a servo at a level that has not all of them.
 const WHOLE_EVERY_SCANS: u64 = 1000;
 
@@ -67,6 +70,9 @@ pub struct Recorder {
     whole: Option<RangeInclusive<u64>>,
     motion_digest: Option<u128>,
     newest_scan: u64,
+    /// What the packer has not got yet, and its bytes: messages, rows where there are columns for them.
+    unpacked: Vec<(MessageHeader, Option<Arc<Columns>>, Vec<u8>)>,
+    unpacked_bytes: usize,
     /// Channel of the fieldbus, of a machine that has one.
     bus_cycle: Option<usize>,
     rows: Rows,
@@ -117,11 +123,9 @@ impl Recorder {
     ) -> Result<Recorder, LogError> {
         let file = File::create_new(path).map_err(LogError::of_file(path))?;
         let level = LogLevel::Control;
-        let begun = Self::begin(path, file, machine, info, level, SMALL_PACKING)?;
-        Ok(Recorder {
-            whole: Some(whole),
-            ..begun
-        })
+        let mut begun = Self::begin(path, file, machine, info, level, SMALL_PACKING)?;
+        begun.whole = Some(whole);
+        Ok(begun)
     }
 
     fn begin(
@@ -186,6 +190,8 @@ impl Recorder {
             whole: None,
             motion_digest: None,
             newest_scan: 0,
+            unpacked: Vec::new(),
+            unpacked_bytes: 0,
             bus_cycle,
             rows: Rows::new(machine),
             whole_rows: Vec::new(),
@@ -315,7 +321,7 @@ impl Recorder {
         }
         match row {
             Some(row) => self.add_row(which, row, time_ns),
-            None => self.send(which, time_ns, self.message.clone(), |message| message),
+            None => self.send(which, time_ns, None, self.message.clone()),
         }
     }
 
@@ -346,11 +352,7 @@ impl Recorder {
             let (columns, time_ns) = (Arc::clone(&waiting.columns), waiting.time_ns);
             let room = Vec::with_capacity(waiting.rows.len());
             let rows = std::mem::replace(&mut waiting.rows, room);
-            self.send(which, time_ns, rows, move |rows| {
-                let mut message = ENCAPSULATION.to_vec();
-                columns.encode(&rows, &mut message);
-                message
-            })?;
+            self.send(which, time_ns, Some(columns), rows)?;
         }
         Ok(())
     }
@@ -424,8 +426,7 @@ impl Recorder {
     fn hand_over(&mut self) -> Result<(), LogError> {
         self.flushed = Instant::now();
         self.write_rows()?;
-        let flushed = self.packer.hand_over(0, Writer::flush);
-        flushed.map_err(LogError::of_file(&self.path))
+        self.pack(true)
     }
 
     /// The digest of everything recorded so far, in hexadecimal.
@@ -445,6 +446,7 @@ impl Recorder {
         self.rows.rest(u64::MAX, &mut self.whole_rows);
         self.put_rows()?;
         self.write_rows()?;
+        self.pack(false)?;
         let digest = self.digest();
         let end = RunEnd {
             digest: Some(digest.clone()),
@@ -464,13 +466,13 @@ impl Recorder {
         scan.saturating_mul(self.period_ns)
     }
 
-    /// Hands over the message that is made of `data`.
+    /// Has a message packed, or one of rows in columns, once there is something to do for the packer.
     fn send(
         &mut self,
         which: usize,
         time_ns: u64,
+        columns: Option<Arc<Columns>>,
         data: Vec<u8>,
-        message_of: impl FnOnce(Vec<u8>) -> Vec<u8> + Send + 'static,
     ) -> Result<(), LogError> {
         let Some(channel) = self.channels.get_mut(which) else {
             return Ok(());
@@ -482,10 +484,33 @@ impl Recorder {
             publish_time: time_ns,
         };
         channel.sequence = channel.sequence.wrapping_add(1);
-        let sent = self.packer.hand_over(data.len(), move |log| {
-            log.write_to_known_channel(&header, &message_of(data))
+        self.unpacked_bytes += data.len();
+        self.unpacked.push((header, columns, data));
+        match self.unpacked_bytes > UNPACKED_BYTES_MAX {
+            true => self.pack(false),
+            false => Ok(()),
+        }
+    }
+
+    /// Hands over to the packer what it has not got yet, to be put into the file now or when there is more.
+    fn pack(&mut self, flush: bool) -> Result<(), LogError> {
+        let bytes = std::mem::take(&mut self.unpacked_bytes);
+        let unpacked = std::mem::take(&mut self.unpacked);
+        let packed = self.packer.hand_over(bytes, move |log| {
+            let mut message = Vec::new();
+            for (header, columns, data) in unpacked {
+                let Some(columns) = columns else {
+                    log.write_to_known_channel(&header, &data)?;
+                    continue;
+                };
+                message.clear();
+                message.extend_from_slice(&ENCAPSULATION);
+                columns.encode(&data, &mut message);
+                log.write_to_known_channel(&header, &message)?;
+            }
+            if flush { log.flush() } else { Ok(()) }
         });
-        sent.map_err(LogError::of_file(&self.path))
+        packed.map_err(LogError::of_file(&self.path))
     }
 
     /// Hands on the rows for people that have become whole.
@@ -496,5 +521,14 @@ impl Recorder {
             }
         }
         Ok(())
+    }
+}
+
+impl Drop for Recorder {
+    /// A recorder that ends for a reason of its own saves what it has.
+    fn drop(&mut self) {
+        if self.write_rows().is_ok() && !self.unpacked.is_empty() {
+            let _ = self.pack(true);
+        }
     }
 }
