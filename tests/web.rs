@@ -196,7 +196,7 @@ fn the_page_and_all_it_needs_come_from_the_cell() {
         assert!(html.contains(&format!("\"{file}\"")), "{file}");
     }
     let (_, script) = page.get("/page.js");
-    for file in ["pictures.js", "orders.js", "stream.js"] {
+    for file in ["pictures.js", "orders.js", "runs.js", "stream.js"] {
         assert!(script.contains(&format!("\"./{file}\"")), "{file}");
         let (head, _) = page.get(&format!("/{file}"));
         assert!(head.starts_with("HTTP/1.1 200 OK"), "{file}: {head}");
@@ -272,6 +272,37 @@ fn frames_follow_each_other_to_the_end_and_have_what_is_drawn() {
     let last = frames.last().expect("frames to the end");
     assert_eq!(last["ended"], true, "{last}");
     assert_eq!(cell.finish().status(), 130);
+}
+
+#[test]
+fn the_page_lists_the_runs_of_its_cell_the_newest_first() {
+    let (_bench, cell, short, _) = up("lockstep");
+    let by_hand = ByHand::start(&cell, &[]);
+    let listed = || -> Vec<Value> {
+        let (head, runs) = by_hand.page.get("/runs");
+        assert!(head.starts_with("HTTP/1.1 200 OK"), "{head}");
+        serde_json::from_str(&runs).expect("runs")
+    };
+    assert_eq!(listed(), Vec::<Value>::new());
+    obeyed(&cell, &["enable"]);
+    obeyed(&cell, &["load", &short]);
+    for run in 1..=2 {
+        obeyed(&cell, &["start", "--wait"]);
+        let began = Instant::now();
+        let newest = loop {
+            let runs = listed();
+            assert_eq!(runs.len(), run, "{runs:?}");
+            if runs[0]["outcome"] == "completed" {
+                break runs[0].clone();
+            }
+            assert!(began.elapsed() < PATIENCE, "{runs:?}");
+            std::thread::sleep(Duration::from_millis(20));
+        };
+        assert_eq!(newest["program"], "short.ngc");
+        let place = newest["run"].as_str().unwrap_or_default();
+        assert!(place.ends_with(&format!("00{run}-short")), "{place}");
+    }
+    down(cell);
 }
 
 #[test]
@@ -515,7 +546,7 @@ fn at_an_address_that_others_reach_even_looking_needs_the_token() {
         ..printed.clone()
     };
     assert!(page.get("/").0.starts_with("HTTP/1.1 200"));
-    for path in ["/frames", "/machine", "/path", "/trail"] {
+    for path in ["/frames", "/machine", "/path", "/trail", "/runs"] {
         assert!(page.get(path).0.starts_with("HTTP/1.1 401"), "{path}");
     }
     let token = format!("Authorization: Bearer {}", page.token);

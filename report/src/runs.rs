@@ -44,6 +44,11 @@ pub fn runs(options: &RunsOptions) -> Outcome {
     }
 }
 
+/// So many of the newest runs of a cell that stays up, the newest first, as `quadrant runs --json` says them.
+pub fn newest(cell: &str, most: usize) -> Vec<serde_json::Value> {
+    found::newest(cell, most)
+}
+
 /// A path, as it may stand on a terminal.
 fn shown(path: &Path) -> String {
     plain(&path.to_string_lossy())

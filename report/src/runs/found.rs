@@ -30,6 +30,25 @@ pub(super) fn find(folder: Option<&Path>) -> anyhow::Result<Vec<Value>> {
     } else {
         places.extend(CellPaths::names().into_iter().filter_map(of_cell));
     }
+    let runs = in_order(&places);
+    Ok(runs.map(|(began, run)| known_of(&run, began)).collect())
+}
+
+/// The newest runs of a cell that is up, and of those before it where they lie beside it; the newest first.
+pub(super) fn newest(cell: &str, most: usize) -> Vec<Value> {
+    let place = of_cell(cell.into()).map(|of| match of.parent() {
+        Some(runs) if runs.ends_with(RUNS) => runs.to_path_buf(),
+        _ => of,
+    });
+    let runs = in_order(place.as_slice()).rev();
+    let runs = runs.filter(|(_, run)| run_number(run).is_some()).take(most);
+    runs.map(|(began, run)| known_of(&run, began)).collect()
+}
+
+/// The runs below these folders, and when they began; the oldest first.
+fn in_order(
+    places: &[PathBuf],
+) -> impl DoubleEndedIterator<Item = (DateTime<Utc>, PathBuf)> + use<> {
     let mut runs = BTreeMap::new();
     for run in places.iter().flat_map(|place| runs_below(place, DEPTH)) {
         let copied = fs::metadata(run.join("machine.toml")).and_then(|of| of.modified());
@@ -40,8 +59,7 @@ pub(super) fn find(folder: Option<&Path>) -> anyhow::Result<Vec<Value>> {
     }
     let mut runs: Vec<(DateTime<Utc>, PathBuf)> = runs.into_values().collect();
     runs.sort();
-    let runs = runs.iter().map(|(began, run)| known_of(run, *began));
-    Ok(runs.collect())
+    runs.into_iter()
 }
 
 /// The folder of a cell that is up.

@@ -28,6 +28,7 @@ use hyper::service::{Service, service_fn};
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
 use rustix::net::sockopt;
+use serde_json::Value;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, watch};
 use tokio_stream::StreamExt;
 use tokio_stream::wrappers::WatchStream;
@@ -45,6 +46,8 @@ const LOOKING_MAX: usize = 12;
 const ORDERS_MAX: usize = 4;
 /// The most urgent orders whose answers are waited for at a time; more are given all the same.
 const URGENT_MAX: usize = 64;
+/// The most runs that are listed.
+const RUNS_MAX: usize = 100;
 /// The longest head of a request, and the most that is kept for a connection that is slow.
 const HEAD_BYTES: usize = 16 << 10;
 /// The longest order.
@@ -62,12 +65,13 @@ const HTML: &str = "text/html; charset=utf-8";
 const CSS: &str = "text/css; charset=utf-8";
 const SCRIPT: &str = "text/javascript; charset=utf-8";
 /// The page and what belongs to it: where it is, its kind and its text.
-const FILES: [(&str, &str, &str); 7] = [
+const FILES: [(&str, &str, &str); 8] = [
     ("/", HTML, include_str!("page/page.html")),
     ("/page.css", CSS, include_str!("page/page.css")),
     ("/page.js", SCRIPT, include_str!("page/page.js")),
     ("/pictures.js", SCRIPT, include_str!("page/pictures.js")),
     ("/orders.js", SCRIPT, include_str!("page/orders.js")),
+    ("/runs.js", SCRIPT, include_str!("page/runs.js")),
     ("/stream.js", SCRIPT, include_str!("page/stream.js")),
     ("/icon.svg", "image/svg+xml", include_str!("page/icon.svg")),
 ];
@@ -93,6 +97,7 @@ struct Desk {
     looking: Arc<Semaphore>,
     ordering: Arc<Semaphore>,
     urgent: Arc<Semaphore>,
+    listing: Arc<Semaphore>,
 }
 
 /// Serves at `listener` in a thread of its own, as long as the process lives.
@@ -130,12 +135,14 @@ fn router(served: Served) -> Router {
         looking: Arc::new(Semaphore::new(LOOKING_MAX)),
         ordering: Arc::new(Semaphore::new(ORDERS_MAX)),
         urgent: Arc::new(Semaphore::new(URGENT_MAX)),
+        listing: Arc::new(Semaphore::new(1)),
     };
     let shown = Router::new()
         .route("/frames", get(frames))
         .route("/machine", get(machine))
         .route("/path", get(path))
         .route("/trail", get(trail))
+        .route("/runs", get(runs))
         .route_layer(middleware::from_fn_with_state(desk.clone(), who_looks));
     let mut files = Router::new();
     for (place, kind, text) in FILES {
@@ -223,6 +230,19 @@ async fn path(State(desk): State<Desk>) -> impl IntoResponse {
 
 async fn trail(State(desk): State<Desk>) -> impl IntoResponse {
     json(locked(&desk.served.pictures).trail())
+}
+
+/// The runs of the cell, read from the disk one browser at a time.
+async fn runs(State(desk): State<Desk>) -> Response {
+    let Ok(turn) = desk.listing.acquire_owned().await else {
+        return StatusCode::SERVICE_UNAVAILABLE.into_response();
+    };
+    let cell = desk.served.cell.clone();
+    let read = move || (report::runs::newest(&cell, RUNS_MAX), turn);
+    match tokio::task::spawn_blocking(read).await {
+        Ok((runs, _)) => json(Value::from(runs).to_string().into()).into_response(),
+        Err(_) => StatusCode::INTERNAL_SERVER_ERROR.into_response(),
+    }
 }
 
 /// One order: 200 with what came of it, 409 with the reason where the cell refuses it.

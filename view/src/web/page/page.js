@@ -2,6 +2,7 @@
 
 import { CirclePicture, PathPicture, VIEWS } from "./pictures.js";
 import * as orders from "./orders.js";
+import * as runs from "./runs.js";
 import { follow, getJson } from "./stream.js";
 
 const $ = id => document.getElementById(id);
@@ -339,6 +340,7 @@ function link(how, why) {
 }
 
 orders.prepare();
+runs.prepare(orders.token);
 viewButtons();
 theme(false);
 const resized = new ResizeObserver(() => { path.dirty = circle.dirty = true; });
