@@ -2,7 +2,8 @@
 //! are looked at that this machine's own commands have made below `runs/`, and the cell's own. The oldest go first, those with a black box
 //! last, none that is marked and none of a run that is under way.
 
-use std::fs::{self, File};
+use std::ffi::OsString;
+use std::fs::{self, File, Metadata};
 use std::io::ErrorKind;
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
@@ -268,13 +269,9 @@ impl Retention {
 impl Kept {
     fn of(folder: PathBuf) -> Kept {
         let (mut bytes, mut ended, mut troubled) = (0, SystemTime::UNIX_EPOCH, false);
-        // Also what comparisons have left in folders of their own.
-        let inner = folders(&folder).chain([folder.clone()]);
-        let files = inner.flat_map(|folder| fs::read_dir(folder).into_iter().flatten().flatten());
-        let files = files.filter_map(|entry| Some((entry.file_name(), entry.metadata().ok()?)));
-        for (name, file) in files.filter(|(_, file)| file.is_file()) {
+        for (name, file) in files_of(&folder) {
             troubled |= name.to_string_lossy().starts_with(BLACK_BOX_PREFIX);
-            bytes += file.len().max(file.blocks() * 512);
+            bytes += size_of(&file);
             ended = ended.max(file.modified().unwrap_or(ended));
         }
         Kept {
@@ -294,6 +291,24 @@ impl Kept {
     fn is_marked(&self) -> bool {
         self.folder.join(MARK_FILE).symlink_metadata().is_ok()
     }
+}
+
+/// The files of a run directory, also those that comparisons have left in folders of their own.
+fn files_of(folder: &Path) -> impl Iterator<Item = (OsString, Metadata)> {
+    let inner = folders(folder).chain([folder.to_path_buf()]);
+    let files = inner.flat_map(|folder| fs::read_dir(folder).into_iter().flatten().flatten());
+    let files = files.filter_map(|entry| Some((entry.file_name(), entry.metadata().ok()?)));
+    files.filter(|(_, file)| file.is_file())
+}
+
+/// What a file takes of the disk, or would without holes.
+fn size_of(file: &Metadata) -> u64 {
+    file.len().max(file.blocks() * 512)
+}
+
+/// What a run directory takes, in bytes.
+pub fn bytes_of(folder: &Path) -> u64 {
+    files_of(folder).map(|(_, file)| size_of(&file)).sum()
 }
 
 /// A number of bytes, for people.

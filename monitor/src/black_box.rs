@@ -11,6 +11,8 @@
 
 mod ring;
 
+use std::ffi::OsStr;
+use std::fs;
 use std::path::{Path, PathBuf};
 
 use bus::sample::{Cause, Feedback, Mode, Roster};
@@ -42,8 +44,10 @@ pub struct Settings {
     pub after_s: f64,
     /// The longest that causes in a row make one box, from its first cause on, in s.
     pub longest_s: f64,
-    /// The most boxes in one directory.
+    /// The most boxes in one directory,
     pub boxes_max: usize,
+    /// and bytes in them: at or above that no other is begun.
+    pub boxes_bytes_max: u64,
     /// The most that the ring may hold, in bytes; with more axes or shorter scans it reaches less far back.
     pub ring_bytes_max: usize,
 }
@@ -55,6 +59,7 @@ impl Default for Settings {
             after_s: 2.0,
             longest_s: 30.0,
             boxes_max: 20,
+            boxes_bytes_max: 150_000_000,
             ring_bytes_max: 64 << 20,
         }
     }
@@ -122,8 +127,6 @@ pub struct BlackBox {
     deaths: Deaths,
     last: Option<(u32, u32)>,
     open: Option<Open>,
-    /// Boxes in the directory.
-    boxes: usize,
     told_full: bool,
 }
 
@@ -154,7 +157,6 @@ impl BlackBox {
             deaths: Deaths::new(machine),
             last: None,
             open: None,
-            boxes: 0,
             told_full: false,
         };
         black_box.move_to(home);
@@ -169,10 +171,6 @@ impl BlackBox {
                 .retain(|(_, data)| data.len() <= FILE_BYTES_MAX);
             home
         });
-        self.boxes = self
-            .home
-            .as_ref()
-            .map_or(0, |home| boxes_in(&home.directory));
         self.told_full = false;
     }
 
@@ -264,12 +262,14 @@ impl BlackBox {
         }
         self.end_box();
         let home = self.home.as_ref()?;
-        if self.boxes >= self.settings.boxes_max {
+        let (boxes, bytes) = boxes_in(&home.directory);
+        if boxes >= self.settings.boxes_max || bytes >= self.settings.boxes_bytes_max {
             if !std::mem::replace(&mut self.told_full, true) {
                 tracing::warn!(
-                    "{}: holds {} black boxes: no more are written, of {words} and what follows",
+                    "{}: holds {} black boxes of {} MB: no more are written, of {words} and what follows",
                     home.directory.display(),
-                    self.boxes
+                    boxes,
+                    bytes / 1_000_000
                 );
             }
             return None;
@@ -286,7 +286,6 @@ impl BlackBox {
             }
         };
         tracing::info!("{words}, scan {scan}: black box {}", file_name(&path));
-        self.boxes += 1;
         let event = event(&path, "black box");
         let mut noted = recorder.record(SampleRef::Event(&event));
         if let Some(roster) = &self.roster_before {
@@ -366,13 +365,13 @@ fn file_name(path: &Path) -> String {
     name.to_string_lossy().into_owned()
 }
 
-/// Boxes that are in a directory: a recorder that replaces a dead one goes on counting.
-fn boxes_in(directory: &Path) -> usize {
-    let entries = std::fs::read_dir(directory).into_iter().flatten().flatten();
-    let names = entries.map(|entry| entry.file_name());
-    names
-        .filter(|name| name.to_string_lossy().starts_with(BLACK_BOX_PREFIX))
-        .count()
+/// Boxes that are in a directory, and their bytes; those of a recorder that died count too.
+fn boxes_in(directory: &Path) -> (usize, u64) {
+    let entries = fs::read_dir(directory).into_iter().flatten().flatten();
+    let is_box = |name: &OsStr| name.to_string_lossy().starts_with(BLACK_BOX_PREFIX);
+    let boxes = entries.filter(|entry| is_box(&entry.file_name()));
+    let sizes = boxes.map(|entry| entry.metadata().map_or(0, |file| file.len()));
+    sizes.fold((0, 0), |(count, all), size| (count + 1, all + size))
 }
 
 /// Makes the file of a box, which nobody had before.

@@ -74,7 +74,7 @@ pub enum RunsCommand {
 /// What `quadrant runs export` takes.
 #[derive(Debug, Clone, Args)]
 #[command(
-    after_help = "csv: one row for each scan, the unit at the end of each name, nothing where nothing is known.\nmcap: one message for each scan and axis on /axis/X, as ROS 2 has it, for Foxglove and PlotJuggler.\n\n  quadrant runs export runs/a --as csv --axes X --from 1.2 --to 1.5 --out x.csv"
+    after_help = "csv: one row for each scan, the unit at the end of each name, nothing where nothing is known.\nmcap: one message for each scan and axis on /axis/X, as ROS 2 has it, for Foxglove and PlotJuggler.\nparquet: the columns of csv, NaN where nothing is known; in builds with --features parquet.\n\n  quadrant runs export runs/a --as csv --axes X --from 1.2 --to 1.5 --out x.csv"
 )]
 pub struct ExportOptions {
     /// A run directory
@@ -89,7 +89,7 @@ pub struct ExportOptions {
     #[arg(long, value_name = "X,Y", value_delimiter = ',')]
     pub axes: Vec<String>,
     /// What is written
-    #[arg(long = "as", value_name = "FORMAT", value_parser = ["csv", "mcap"])]
+    #[arg(long = "as", value_name = "FORMAT", value_parser = ["csv", "mcap", "parquet"])]
     pub format: String,
     /// The file [default: name of the run, here, with the format behind it]
     #[arg(long, value_name = "FILE")]

@@ -2,6 +2,8 @@
 
 mod export;
 mod found;
+#[cfg(feature = "parquet")]
+mod parquet;
 mod table;
 
 use std::path::{Path, PathBuf};

@@ -14,6 +14,7 @@ const SETTINGS: Settings = Settings {
     after_s: 0.2,
     longest_s: 1.0,
     boxes_max: 3,
+    boxes_bytes_max: u64::MAX,
     ring_bytes_max: 64 << 20,
 };
 
@@ -284,6 +285,22 @@ fn a_directory_gets_no_more_boxes_than_allowed_also_from_the_next_recorder() {
     bench.trip();
     bench.black_box.finish();
     assert_eq!(fs::read_dir(other.path()).expect("it").count(), 1);
+}
+
+#[test]
+fn boxes_of_a_directory_take_no_more_than_their_bytes_and_one_that_was_begun_before() {
+    let mut bench = Bench::new(Settings {
+        boxes_max: usize::MAX,
+        boxes_bytes_max: 1,
+        ..SETTINGS
+    });
+    for _ in 0..3 {
+        bench.run(1000);
+        bench.trip();
+    }
+    bench.run(1000);
+    assert_eq!(bench.files().len(), 1);
+    assert_eq!(bench.events.len(), 1);
 }
 
 #[test]

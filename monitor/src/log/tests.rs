@@ -524,3 +524,19 @@ fn a_level_leaves_out_what_it_says_and_notes_the_digest_of_all() {
         }
     }
 }
+
+#[test]
+fn a_recorder_that_gives_up_leaves_all_that_it_had_taken() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("run.mcap");
+    let mut recorder = Recorder::create(&path, &machine(&["X", "Y"]), &info()).unwrap();
+    for scan in 0..100 {
+        TWO.record(&mut recorder, scan);
+    }
+    drop(recorder);
+    let mut reader = Reader::open(&path).unwrap();
+    let samples = reader.by_ref().map(Result::unwrap);
+    let feedbacks = samples.filter(|sample| matches!(sample, Sample::Feedback(_)));
+    assert_eq!(feedbacks.count(), 100);
+    assert!(reader.end().is_none());
+}

@@ -58,6 +58,10 @@ fn write(options: &ExportOptions, file: &mut File, signals: &Signals) -> anyhow:
     let out = BufWriter::new(file);
     let mut sheet = match options.format.as_str() {
         "csv" => csv(out, &machine, &axes)?,
+        #[cfg(feature = "parquet")]
+        "parquet" => super::parquet::parquet(out, names(&machine, &axes))?,
+        #[cfg(not(feature = "parquet"))]
+        "parquet" => bail!("--as parquet: not in this build: cargo build --features parquet"),
         _ => mcap(out, &machine, &axes).map_err(io::Error::other)?,
     };
     let count = found::report_of(&options.run)["scans"].as_u64();
@@ -126,12 +130,12 @@ fn scans(options: &ExportOptions, period_us: u32) -> anyhow::Result<RangeInclusi
 }
 
 /// Rows of one scan: index of the axis, scan, row.
-type ScanRows = [(usize, u64, AxisRow)];
+pub(super) type ScanRows = [(usize, u64, AxisRow)];
 
-type Out<'f> = BufWriter<&'f mut File>;
+pub(super) type Out<'f> = BufWriter<&'f mut File>;
 
 /// Takes scan by scan; none ends the file.
-type Sheet<'f> = Box<dyn FnMut(Option<&ScanRows>) -> io::Result<()> + 'f>;
+pub(super) type Sheet<'f> = Box<dyn FnMut(Option<&ScanRows>) -> io::Result<()> + 'f>;
 
 /// Hands the rows of these axes before the scan `until` on, in order of scan; whether there were any.
 fn put(
@@ -150,19 +154,25 @@ fn put(
     Ok(!ready.is_empty())
 }
 
+/// The names of the columns of these axes, behind scan and time.
+fn names(machine: &Machine, axes: &[usize]) -> Vec<String> {
+    let axes = axes.iter().map(|&axis| &machine.axes[axis]);
+    let of_axis = axes.flat_map(|axis| {
+        let leaves = leaves::<AxisRow>().into_iter().skip(1);
+        leaves.map(|leaf| match axis.kind {
+            AxisKind::Linear => format!("{}.{}", axis.name, leaf.name),
+            AxisKind::Rotary => {
+                let name = leaf.name.replace("_mm", "_deg").replace("_um", "_mdeg");
+                format!("{}.{name}", axis.name)
+            }
+        })
+    });
+    of_axis.collect()
+}
+
 /// A line each scan, below the names of the columns.
 fn csv<'f>(mut out: Out<'f>, machine: &Machine, axes: &[usize]) -> io::Result<Sheet<'f>> {
-    write!(out, "scan,time_s")?;
-    for axis in axes.iter().map(|&axis| &machine.axes[axis]) {
-        for leaf in leaves::<AxisRow>().iter().skip(1) {
-            let name = match axis.kind {
-                AxisKind::Linear => leaf.name.clone(),
-                AxisKind::Rotary => leaf.name.replace("_mm", "_deg").replace("_um", "_mdeg"),
-            };
-            write!(out, ",{}.{name}", axis.name)?;
-        }
-    }
-    writeln!(out)?;
+    writeln!(out, "scan,time_s,{}", names(machine, axes).join(","))?;
     Ok(Box::new(move |rows| {
         let Some(rows @ [(_, scan, first), ..]) = rows else {
             return out.flush();

@@ -10,7 +10,7 @@ use anyhow::Context;
 use bus::cell::CellPaths;
 use bus::observer::Observer;
 use chrono::{DateTime, SecondsFormat, Utc};
-use launcher::retention::{RUNS, folders, is_open};
+use launcher::retention::{RUNS, bytes_of, folders, is_open};
 use monitor::log::LOG_FILE;
 use monitor::{MARK_FILE, run_number};
 use serde_json::{Value, json};
@@ -108,17 +108,9 @@ fn known_of(run: &Path, began: DateTime<Utc>) -> Value {
         "contour_error_um": report["contour_error_um"]["peak"],
         "following_error_um": worst("following_error_um"),
         "following_error_mdeg": worst("following_error_mdeg"),
-        "bytes": bytes(run),
+        "bytes": bytes_of(run),
         "marked": mark.map(|reason| String::from_utf8_lossy(&reason).trim().to_string()),
     })
-}
-
-/// What its files take.
-fn bytes(run: &Path) -> u64 {
-    let files = fs::read_dir(run).into_iter().flatten().flatten();
-    let files = files.filter_map(|file| file.metadata().ok());
-    let sizes = files.filter(|file| file.is_file()).map(|file| file.len());
-    sizes.sum()
 }
 
 /// Whether a folder has what a run leaves, or a copy of it.
