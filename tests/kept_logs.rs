@@ -9,6 +9,7 @@ use std::time::Instant;
 use serde_json::Value;
 
 use crate::full_disk::with_disk;
+use crate::size;
 use crate::support::{
     Bench, LiveCell, PATIENCE, circle_program, quadrant, send, traces_of, unique_cell,
 };
@@ -200,9 +201,15 @@ fn a_cell_that_stays_up_removes_its_oldest_runs_but_none_with_a_death_or_a_mark(
     );
 }
 
-/// Each run takes more than two MB: all of them together more than the disk has. Nothing is said in the machine file.
+/// Each run takes more than two MB: all of them together more than the disk has. Nothing is said in the machine file. The recorder is
+/// killed once in a while.
 #[test]
-fn a_small_disk_is_not_filled_by_forty_runs() {
+fn a_small_disk_is_not_filled_by_many_runs() {
+    let runs = size::number("RUNS", 40, 2000);
+    let (half, disk, most) = match runs {
+        ..200 => (runs / 2, "64m", "6.7 MB"),
+        _ => (runs / 2, "1g", "107.4 MB"),
+    };
     let (folder, cell) = (tempfile::tempdir().expect("a folder"), unique_cell());
     let bench = Bench::patient("xy", &[]);
     let part = bench.file("part.ngc", &large(PROGRAM, 1_000_000));
@@ -214,14 +221,15 @@ fn a_small_disk_is_not_filled_by_forty_runs() {
              $Q up {machine} --pace lockstep --cell {cell} > {here}/up$1 2>&1 &
              UP=$!
              until $Q enable --cell {cell} 2> /dev/null; do sleep 0.1; done
-             for RUN in $(seq 20); do
+             for RUN in $(seq {half}); do
                  $Q load {part} --cell {cell} && $Q start --wait --cell {cell} || echo a run failed
                  until [ $(cat runs/*-up-*/events.jsonl | grep -c 'run over') -ge $((RUN + $2)) ]; do sleep 0.05; done
+                 [ $((RUN % 20)) != 10 ] || kill -9 $($Q status --cell {cell} | awk '$2 == \"recorder\" {{ print $3 }}')
              done
          }}
          up 1 0
          $Q down --cell {cell}; wait $UP; echo ended with $?
-         up 2 20
+         up 2 {half}
          du -sm runs
          until $Q status --cell {cell} | grep 'none may go'; do
              cat /dev/zero >> filler 2> /dev/null; sleep 0.1
@@ -234,7 +242,7 @@ fn a_small_disk_is_not_filled_by_forty_runs() {
         here = folder.path().display(),
         part = part.display(),
     );
-    let Some(output) = with_disk(folder.path(), "64m", &script) else {
+    let Some(output) = with_disk(folder.path(), disk, &script) else {
         return;
     };
     let said = format!(
@@ -244,13 +252,16 @@ fn a_small_disk_is_not_filled_by_forty_runs() {
     );
     assert!(!said.contains("a run failed"), "{said}");
     assert_eq!(said.matches("ended with 0").count(), 2, "{said}");
-    assert_eq!(said.matches("at most 6.7 MB").count(), 2, "{said}");
+    let bound = format!("at most {most}, the oldest");
+    assert_eq!(said.matches(&bound).count(), 2, "{said}");
+    let killed = said.matches("monitor restarted").count() as u64;
+    assert_eq!(killed, 2 * half.div_ceil(20), "{said}");
     assert!(!said.contains("No space left"), "{said}");
     assert!(
         said.contains("runs/xy-part-20200101-000000/run.mcap"),
         "no run of a cell: {said}"
     );
-    let removed = said.matches("/020-part (").count();
+    let removed = said.matches(&format!("/{half:03}-part (")).count();
     assert_eq!(removed, 1, "of the session before: {said}");
 }
 

@@ -9,7 +9,7 @@ function row(run) {
   const made = document.createElement("tr");
   const angle = run.following_error_um === null && run.following_error_mdeg !== null;
   const cells = [
-    new Date(run.began).toLocaleString(), run.program ?? "–", run.under_way ? "under way" : run.outcome ?? "–",
+    new Date(run.began).toLocaleString(), run.program ?? run.run.split("/").pop(), run.under_way ? "under way" : run.outcome ?? "–",
     `${number(run.took_s, 1)} s`, `${number(run.contour_error_um, 1)} µm`,
     angle ? `${number(run.following_error_mdeg, 1)} mdeg` : `${number(run.following_error_um, 1)} µm`,
     `${number(run.bytes / 1e6, 1)} MB`, run.marked === null ? "" : `★ ${run.marked}`,
