@@ -6,6 +6,8 @@ mod found;
 mod parquet;
 mod table;
 
+pub use found::newest;
+
 use std::path::{Path, PathBuf};
 use std::{fs, io};
 
@@ -44,11 +46,6 @@ pub fn runs(options: &RunsOptions) -> Outcome {
         }
         Some(RunsCommand::Export(options)) => export::export(options),
     }
-}
-
-/// So many of the newest runs of a cell that stays up, the newest first, as `quadrant runs --json` says them.
-pub fn newest(cell: &str, most: usize) -> Vec<serde_json::Value> {
-    found::newest(cell, most)
 }
 
 /// A path, as it may stand on a terminal.

@@ -122,8 +122,7 @@ impl Recorder {
         whole: RangeInclusive<u64>,
     ) -> Result<Recorder, LogError> {
         let file = File::create_new(path).map_err(LogError::of_file(path))?;
-        let level = LogLevel::Control;
-        let mut begun = Self::begin(path, file, machine, info, level, SMALL_PACKING)?;
+        let mut begun = Self::begin(path, file, machine, info, LogLevel::Control, SMALL_PACKING)?;
         begun.whole = Some(whole);
         Ok(begun)
     }
@@ -350,8 +349,7 @@ impl Recorder {
                 continue;
             };
             let (columns, time_ns) = (Arc::clone(&waiting.columns), waiting.time_ns);
-            let room = Vec::with_capacity(waiting.rows.len());
-            let rows = std::mem::replace(&mut waiting.rows, room);
+            let rows = waiting.rows.split_off(0);
             self.send(which, time_ns, Some(columns), rows)?;
         }
         Ok(())
@@ -409,17 +407,10 @@ impl Recorder {
     }
 
     /// Puts everything recorded so far into the file, so that it survives this process.
-    ///
-    /// # Errors
-    /// As [`Recorder::record`].
+    #[cfg(test)]
     pub fn flush(&mut self) -> Result<(), LogError> {
         self.hand_over()?;
-        self.wait()
-    }
-
-    fn wait(&self) -> Result<(), LogError> {
-        let written = self.packer.wait();
-        written.map_err(LogError::of_file(&self.path))
+        self.packer.wait().map_err(LogError::of_file(&self.path))
     }
 
     /// Hands everything recorded so far over to be written.

@@ -34,8 +34,9 @@ pub(super) fn find(folder: Option<&Path>) -> anyhow::Result<Vec<Value>> {
     Ok(runs.map(|(began, run)| known_of(&run, began)).collect())
 }
 
-/// The newest runs of a cell that is up, and of those before it where they lie beside it; the newest first.
-pub(super) fn newest(cell: &str, most: usize) -> Vec<Value> {
+/// The newest runs of a cell that is up, and of those before it where they lie beside it, as `quadrant runs --json` says them; the
+/// newest first.
+pub fn newest(cell: &str, most: usize) -> Vec<Value> {
     let place = of_cell(cell.into()).map(|of| match of.parent() {
         Some(runs) if runs.ends_with(RUNS) => runs.to_path_buf(),
         _ => of,

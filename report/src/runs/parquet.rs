@@ -15,37 +15,31 @@ use super::export::{Out, ScanRows, Sheet};
 /// Rows that are kept in memory and written together.
 const GROUP_ROWS: usize = 1 << 17;
 
-/// Columns that wait for the rest of their group.
-struct Group {
-    scans: Vec<i64>,
-    /// Time, and the values of the axes; NaN where nothing is known.
-    values: Vec<Vec<f64>>,
-}
+/// Columns that wait for the rest of their group: scans; time and the values of the axes, NaN where nothing is known.
+type Group = (Vec<i64>, Vec<Vec<f64>>);
 
 /// A row each scan; `names` are those of the columns behind scan and time.
 pub(super) fn parquet(out: Out<'_>, names: Vec<String>) -> io::Result<Sheet<'_>> {
     let names: Vec<String> = std::iter::once("time_s".into()).chain(names).collect();
-    let mut group = Group {
-        scans: Vec::new(),
-        values: vec![Vec::new(); names.len()],
-    };
+    let mut group: Group = (Vec::new(), vec![Vec::new(); names.len()]);
     let mut writer = begin(out, &names)?;
     Ok(Box::new(move |rows: Option<&ScanRows>| {
         let Some(rows @ [(_, scan, first), ..]) = rows else {
-            write(&mut writer, &mut group)?;
+            if !group.0.is_empty() {
+                write(&mut writer, &mut group)?;
+            }
             writer.finish()?;
             return Ok(());
         };
-        group.scans.push(*scan as i64);
-        let of_axes = rows.iter().flat_map(|(.., row)| {
-            let [_, values @ ..]: &[f64; 9] = bytemuck::cast_ref(row);
-            values
-        });
+        group.0.push(*scan as i64);
+        let of_axes = rows
+            .iter()
+            .flat_map(|(.., row)| bytemuck::cast_ref::<_, [f64; 9]>(row).iter().skip(1));
         let values = std::iter::once(&first.time_s).chain(of_axes);
-        for (column, value) in group.values.iter_mut().zip(values) {
+        for (column, value) in group.1.iter_mut().zip(values) {
             column.push(*value);
         }
-        if group.scans.len() >= GROUP_ROWS {
+        if group.0.len() >= GROUP_ROWS {
             write(&mut writer, &mut group)?;
         }
         Ok(())
@@ -77,24 +71,23 @@ fn begin<'f>(out: Out<'f>, names: &[String]) -> Result<Writer<'f>> {
 
 /// Writes the group, and empties it.
 fn write(writer: &mut Writer<'_>, group: &mut Group) -> Result<()> {
-    if group.scans.is_empty() {
-        return Ok(());
-    }
     let mut rows = writer.next_row_group()?;
     if let Some(mut column) = rows.next_column()? {
-        let typed = column.typed::<Int64Type>();
-        typed.write_batch(&group.scans, None, None)?;
+        column
+            .typed::<Int64Type>()
+            .write_batch(&group.0, None, None)?;
         column.close()?;
     }
-    for values in &group.values {
+    for values in &group.1 {
         if let Some(mut column) = rows.next_column()? {
-            let typed = column.typed::<DoubleType>();
-            typed.write_batch(values, None, None)?;
+            column
+                .typed::<DoubleType>()
+                .write_batch(values, None, None)?;
             column.close()?;
         }
     }
     rows.close()?;
-    group.scans.clear();
-    group.values.iter_mut().for_each(Vec::clear);
+    group.0.clear();
+    group.1.iter_mut().for_each(Vec::clear);
     Ok(())
 }

@@ -234,9 +234,7 @@ async fn trail(State(desk): State<Desk>) -> impl IntoResponse {
 
 /// The runs of the cell, read from the disk one browser at a time.
 async fn runs(State(desk): State<Desk>) -> Response {
-    let Ok(turn) = desk.listing.acquire_owned().await else {
-        return StatusCode::SERVICE_UNAVAILABLE.into_response();
-    };
+    let turn = desk.listing.acquire_owned().await;
     let cell = desk.served.cell.clone();
     let read = move || (report::runs::newest(&cell, RUNS_MAX), turn);
     match tokio::task::spawn_blocking(read).await {
