@@ -156,7 +156,7 @@ mod tests {
     use super::*;
 
     fn packer(path: &Path) -> Packer {
-        let file = File::options().write(true).create(true).open(path).unwrap();
+        let file = File::create(path).unwrap();
         let sink = NoSeek::new(BufWriter::with_capacity(64, file));
         let options = WriteOptions::new().disable_seeking(true);
         Packer::start(options.create(sink).unwrap()).unwrap()
@@ -199,7 +199,10 @@ mod tests {
         let packer = packer(&dir.path().join("file"));
         let (open, gate) = channel();
         packer
-            .hand_over(0, move |_| Ok(gate.recv().unwrap_or(())))
+            .hand_over(0, move |_| {
+                let _ = gate.recv();
+                Ok(())
+            })
             .unwrap();
         let (handed_over, done) = (AtomicUsize::new(0), Arc::new(AtomicUsize::new(0)));
         std::thread::scope(|scope| {

@@ -407,7 +407,9 @@ impl Recorder {
     }
 
     /// Puts everything recorded so far into the file, so that it survives this process.
-    #[cfg(test)]
+    ///
+    /// # Errors
+    /// As [`Recorder::record`].
     pub fn flush(&mut self) -> Result<(), LogError> {
         self.hand_over()?;
         self.packer.wait().map_err(LogError::of_file(&self.path))
