@@ -68,7 +68,7 @@ pub fn lower() {
 /// Lets others of ordinary priority go before the calling thread: for what may take its time.
 pub fn step_back() {
     // Of the calling thread alone (Linux, setpriority(2)). If it is refused it competes as before.
-    let _ = setpriority_process(None, 10);
+    let _ = setpriority_process(None, 5);
 }
 
 /// Keeps in memory whatever this process touches from now on, and what it has touched.
