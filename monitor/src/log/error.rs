@@ -15,14 +15,6 @@ pub enum LogError {
         /// Why.
         source: std::io::Error,
     },
-    /// The MCAP writer refuses.
-    #[error("{path}: cannot be written: {source}")]
-    Write {
-        /// The log.
-        path: PathBuf,
-        /// Why.
-        source: mcap::McapError,
-    },
     /// Its recorder ended before it had written anything.
     #[error("{path}: ends before metadata {}", RUN_RECORD)]
     Empty {
@@ -47,11 +39,5 @@ impl LogError {
     pub(super) fn of_file(path: &Path) -> impl FnOnce(std::io::Error) -> LogError {
         let path = path.into();
         |source| LogError::File { path, source }
-    }
-
-    /// What the MCAP writer says of it.
-    pub(super) fn of_writer(path: &Path) -> impl FnOnce(mcap::McapError) -> LogError {
-        let path = path.into();
-        |source| LogError::Write { path, source }
     }
 }

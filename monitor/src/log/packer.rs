@@ -23,6 +23,14 @@ pub(super) type Sink = NoSeek<BufWriter<File>>;
 /// Does something with the log; whether it could.
 type Work = Box<dyn FnOnce(&mut Writer<Sink>) -> bool + Send>;
 
+/// What the writer says, as the file system would.
+pub(super) fn of_writer(error: McapError) -> io::Error {
+    match error {
+        McapError::Io(error) => error,
+        other => io::Error::other(other),
+    }
+}
+
 /// Why it cannot be written any more.
 #[derive(Debug, Clone, Default)]
 struct Failure(Arc<OnceLock<(io::ErrorKind, String)>>);
@@ -30,12 +38,9 @@ struct Failure(Arc<OnceLock<(io::ErrorKind, String)>>);
 impl Failure {
     /// Takes what was done; none if it could not be done, which is the last that is heard of this log.
     fn note<T>(&self, done: McapResult<T>) -> Option<T> {
-        let noted = |error: McapError| {
-            let (kind, text) = match error {
-                McapError::Io(error) => (error.kind(), error.to_string()),
-                other => (io::ErrorKind::Other, other.to_string()),
-            };
-            self.0.set((kind, text))
+        let noted = |error| {
+            let error = of_writer(error);
+            self.0.set((error.kind(), error.to_string()))
         };
         done.map_err(noted).ok()
     }

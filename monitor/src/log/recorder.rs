@@ -24,7 +24,7 @@ use super::columns::{Columns, ROWS_MAX};
 use super::derived::{AxisRow, Rows};
 use super::error::LogError;
 use super::layout::Extent;
-use super::packer::Packer;
+use super::packer::{Packer, of_writer};
 use super::parts;
 use super::run_info::{LEVEL, RunEnd, RunInfo};
 use super::sample::SampleRef;
@@ -138,7 +138,7 @@ impl Recorder {
         let mut info = info.clone();
         info.settings.insert(LEVEL.into(), level.to_string());
         let begun = Self::write_beginning(path, file, machine, &info, level, packing);
-        begun.map_err(LogError::of_writer(path))
+        begun.map_err(of_writer).map_err(LogError::of_file(path))
     }
 
     fn write_beginning(
