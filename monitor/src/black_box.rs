@@ -365,7 +365,7 @@ fn file_name(path: &Path) -> String {
     name.to_string_lossy().into_owned()
 }
 
-/// Boxes that are in a directory, and their bytes; those of a recorder that died count too.
+/// Boxes that are in a directory, and their bytes; boxes of a recorder that died count too.
 fn boxes_in(directory: &Path) -> (usize, u64) {
     let entries = fs::read_dir(directory).into_iter().flatten().flatten();
     let is_box = |name: &OsStr| name.to_string_lossy().starts_with(BLACK_BOX_PREFIX);

@@ -2,7 +2,7 @@
 //!
 //! Each channel has one writer and its own order, and what happens between two channels of one scan is chance. So
 //! every channel is hashed for itself (XXH3, 128 bits, over its messages in order) and the channels are put together in the
-//! order of their names. The checksum that a sample was sent with stands for it: whoever received it has checked that. Derived
+//! order of their names. The checksum that a sample was sent with stands for it: its reader has checked that. Derived
 //! channels (`/axis/…`, `/servo_state/…`), `/event` and `/bus_cycle` are left out: the first say nothing new, the second speaks
 //! to people, and what a wire does (times, damaged frames) is chance.
 

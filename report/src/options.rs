@@ -27,7 +27,7 @@ pub struct ReportOptions {
 #[derive(Debug, Clone, Args)]
 #[command(
     args_conflicts_with_subcommands = true,
-    after_help = "Without FOLDER: those below runs, and those of cells that are up. Times are the\nmachine's; errors are the largest ones."
+    after_help = "Without FOLDER: run directories below runs, and of cells that are up. Times are the\nmachine's; errors are the largest ones."
 )]
 pub struct RunsOptions {
     /// Folder with run directories, or of a cell [default: runs]

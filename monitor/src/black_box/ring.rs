@@ -45,8 +45,8 @@ impl Ring {
         }
     }
 
-    /// Puts the samples of the next scan in. Those of scans that have to go for it and will be missed are handed to `forget` before:
-    /// nobody looks at the others, which are no longer near the processor.
+    /// Puts the samples of the next scan in. A scan that has to go for it and will be missed is handed to `forget` before; nobody looks
+    /// at the others, which are no longer near the processor.
     pub(super) fn push(
         &mut self,
         scan: u64,

@@ -156,6 +156,8 @@ fn work_off(mut writer: Writer<Sink>, works: &Receiver<Work>) {
 mod tests {
     use std::path::Path;
 
+    use mcap::read::LinearReader;
+    use mcap::records::Record;
     use mcap::{Attachment, WriteOptions};
 
     use super::*;
@@ -167,33 +169,38 @@ mod tests {
         Packer::start(options.create(sink).unwrap()).unwrap()
     }
 
-    /// Writes so many bytes.
-    fn hand_over(packer: &Packer, bytes: usize) -> io::Result<()> {
+    /// Writes so many bytes of a value.
+    fn hand_over(packer: &Packer, bytes: usize, value: u8) -> io::Result<()> {
         packer.hand_over(bytes, move |writer| {
             writer.attach(&Attachment {
                 log_time: 0,
                 create_time: 0,
                 name: "piece".into(),
                 media_type: String::new(),
-                data: vec![7; bytes].into(),
+                data: vec![value; bytes].into(),
             })
         })
     }
 
     #[test]
-    fn everything_is_in_the_file_once_it_was_waited_for() {
+    fn everything_is_in_the_file_once_it_was_waited_for_in_order_and_whole() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("file");
         let packer = packer(&path);
-        for piece in 0..200 {
-            hand_over(&packer, piece * 977).unwrap();
+        let pieces = (0..200u8).map(|piece| (usize::from(piece) * 977, piece));
+        for (bytes, value) in pieces.clone() {
+            hand_over(&packer, bytes, value).unwrap();
         }
-        packer.ask(|writer| writer.flush()).unwrap();
+        packer.ask(Writer::flush).unwrap();
         assert_eq!(packer.ahead_bytes.load(Ordering::Relaxed), 0);
-        let pieces: u64 = (0..200).map(|piece| piece * 977).sum();
-        assert!(std::fs::metadata(&path).unwrap().len() > pieces);
-        packer.ask(|writer| writer.finish().map(|_| ())).unwrap();
+        packer.ask(Writer::finish).unwrap();
         let whole = std::fs::read(&path).unwrap();
+        let records = LinearReader::new(&whole).unwrap().map(Result::unwrap);
+        let found = records.filter_map(|record| match record {
+            Record::Attachment { data, .. } => Some(data.into_owned()),
+            _ => None,
+        });
+        assert!(found.eq(pieces.map(|(bytes, value)| vec![value; bytes])));
         drop(packer);
         assert_eq!(std::fs::read(&path).unwrap(), whole);
     }
@@ -238,9 +245,9 @@ mod tests {
     fn a_file_that_cannot_be_written_says_why() {
         let packer = packer(Path::new("/dev/full"));
         let no_space = io::ErrorKind::StorageFull;
-        let done = hand_over(&packer, 1 << 20).and_then(|()| packer.wait());
+        let done = hand_over(&packer, 1 << 20, 7).and_then(|()| packer.wait());
         assert_eq!(done.unwrap_err().kind(), no_space);
         assert_eq!(packer.wait().unwrap_err().kind(), no_space);
-        assert_eq!(hand_over(&packer, 1).unwrap_err().kind(), no_space);
+        assert_eq!(hand_over(&packer, 1, 7).unwrap_err().kind(), no_space);
     }
 }

@@ -18,7 +18,7 @@ const GROUP_ROWS: usize = 1 << 17;
 /// Columns that wait for the rest of their group: scans; time and the values of the axes, NaN where nothing is known.
 type Group = (Vec<i64>, Vec<Vec<f64>>);
 
-/// A row each scan; `names` are those of the columns behind scan and time.
+/// A row each scan; `names` of the columns behind scan and time.
 pub(super) fn parquet(out: Out<'_>, names: Vec<String>) -> io::Result<Sheet<'_>> {
     let names: Vec<String> = std::iter::once("time_s".into()).chain(names).collect();
     let mut group: Group = (Vec::new(), vec![Vec::new(); names.len()]);

@@ -340,7 +340,7 @@ function link(how, why) {
 }
 
 orders.prepare();
-runs.prepare(orders.token);
+runs.prepare(orders.token, { element, fixed });
 viewButtons();
 theme(false);
 const resized = new ResizeObserver(() => { path.dirty = circle.dirty = true; });
