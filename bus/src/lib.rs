@@ -29,6 +29,7 @@ mod name;
 pub mod observer;
 mod ownership;
 mod paths;
+pub mod patience;
 pub mod port;
 pub mod process;
 pub mod realtime;

@@ -8,7 +8,8 @@ use std::time::{Duration, Instant};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
 use crate::cell::{CellError, CellPaths, Membership};
-use crate::port::Reader;
+use crate::patience::Patience;
+use crate::port::{Held, Reader};
 use crate::process::watch;
 use crate::realtime;
 use crate::sample::Feedback;
@@ -96,11 +97,14 @@ pub struct Member {
     pub bus: Bus,
     slot: Slot,
     launcher: OwnedFd,
+    patience: Patience,
     _membership: Membership,
 }
 
 /// Without any feedback for this long after the launcher's death, a member leaves.
 pub const ORPHAN_PATIENCE: Duration = Duration::from_millis(500);
+/// The longest wait awake in lockstep: most scans take less.
+const AWAKE: Duration = Duration::from_micros(100);
 /// The longest wait without looking whether the cell still exists.
 const LOOK_AROUND: Duration = Duration::from_millis(100);
 
@@ -136,12 +140,18 @@ impl Member {
             });
         }
         let launcher = watch(page.launcher_pid()).map_err(MemberError::LauncherGone)?;
+        // In real time nobody is awake who could sleep.
+        let patience = Patience::new(match slot.pace {
+            Pace::Lockstep => AWAKE,
+            Pace::Realtime => Duration::ZERO,
+        });
         let bus = patiently(|| Bus::enter(&place, shape, who, false))?.patient();
         Ok(Member {
             page,
             bus,
             slot,
             launcher,
+            patience,
             _membership: membership,
         })
     }
@@ -184,23 +194,32 @@ impl Member {
         self.page.phase() == CellPhase::Ending
     }
 
+    /// Waits awake at `signal`, in lockstep, for what comes within a scan; whether the count is no longer `seen`.
+    pub fn wait_awake(&self, signal: &Signal, seen: u32) -> bool {
+        self.patience.try_for(|| signal.count() != seen)
+    }
+
     /// Waits at `signal` for the newest feedback beyond `after`; `None` when it is time to leave.
     pub fn next_feedback(
         &self,
         signal: &Signal,
         reader: &mut Reader<Feedback>,
         after: Option<u64>,
-    ) -> Option<Feedback> {
+    ) -> Option<Held<Feedback>> {
+        let is_of_every_scan = std::ptr::eq(signal, self.page.scan_signal());
         let mut alone_since: Option<Instant> = None;
         loop {
             let seen = signal.count();
-            if let Some(feedback) = reader.newest(u64::MAX)
+            if let Some(feedback) = reader.newest_held(u64::MAX)
                 && after.is_none_or(|scan| feedback.scan > scan)
             {
                 return Some(feedback);
             }
             if self.ending() {
                 return None;
+            }
+            if is_of_every_scan && self.wait_awake(signal, seen) {
+                continue;
             }
             signal.wait(seen, LOOK_AROUND);
             if signal.count() == seen && !self.launcher_lives() {

@@ -4,6 +4,7 @@
 //! same scan. A [`Writer`] overwrites the oldest sample of a slow reader and never blocks. What iceoryx2 refuses while
 //! running is counted and otherwise a sample that is not there: the reader's age rules decide what follows.
 
+use bytemuck::{bytes_of, bytes_of_mut};
 use iceoryx2::active_request::ActiveRequest;
 use iceoryx2::port::client::Client;
 use iceoryx2::port::publisher::{Publisher, PublisherCreateError};
@@ -122,12 +123,19 @@ impl<T: Sample> Writer<T> {
 
     /// Seals and sends one sample; what cannot be sent is counted in [`Writer::failed`].
     pub fn send(&mut self, sample: &T) {
-        let mut sealed = *sample;
-        sealed.seal();
-        let sent = self
-            .publisher
-            .loan_uninit()
-            .map(|loan| loan.write_payload(sealed).send().is_ok());
+        let bytes = bytes_of(sample);
+        let sent = self.publisher.loan_uninit().map(|loan| {
+            // SAFETY: it is a place in shared memory, which always has bytes, and any bytes are a sample.
+            let mut loan = unsafe { loan.assume_init() };
+            let place = loan.payload_mut();
+            // What the sample that was here before had beyond it is to be zero again.
+            let used = sample.used_bytes().max(place.used_bytes());
+            for (to, from) in bytes_of_mut(place).iter_mut().zip(bytes).take(used) {
+                *to = *from;
+            }
+            place.seal();
+            loan.send().is_ok()
+        });
         if !matches!(sent, Ok(true)) {
             self.failed += 1;
         }
@@ -233,8 +241,13 @@ impl<T: Sample> Reader<T> {
 
     /// The newest sample that may be acted on in `scan`; older ones are dropped.
     pub fn newest(&mut self, scan: u64) -> Option<T> {
+        self.newest_held(scan).map(|sample| *sample)
+    }
+
+    /// The same without a copy, to be let go before the next.
+    pub fn newest_held(&mut self, scan: u64) -> Option<Held<T>> {
         let mut newest = None;
-        while let Some(sample) = self.next(scan) {
+        while let Some(sample) = self.next_held(scan) {
             newest = Some(sample);
         }
         newest

@@ -26,6 +26,8 @@ pub const MAX_PARTICIPANTS: usize = 24;
 pub const MAX_SUBSAMPLES: usize = 8;
 /// The most setpoints one window can carry.
 pub const MAX_WINDOW_SETPOINTS: usize = 2048;
+/// A servo without a standby says its state in one of so many scans: only the log reads it.
+pub const STATE_EVERY_SCANS: u64 = 8;
 /// Words of eight bytes that a servo's state may take in a command: a servo asserts that its own fits.
 pub const SERVO_STATE_WORDS: usize = 192;
 
@@ -533,7 +535,7 @@ impl Instruments {
 
 /// What one servo asks of its drive for one scan.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend)]
-#[type_name("quadrant/AxisCommand/7")]
+#[type_name("quadrant/AxisCommand/8")]
 #[repr(C)]
 pub struct AxisCommand {
     /// Scan whose feedback this answers; takes effect one scan later.
@@ -572,9 +574,6 @@ pub struct AxisCommand {
     pub refused: WindowId,
     /// Tag of the setpoint this command was made from.
     pub tag: PathTag,
-    /// The servo's state after this scan, as the servo lays it out: for the axis's other servo, which goes on from it to the
-    /// bit. Nobody else can read it; what others need has a field of its own.
-    pub state: [u64; SERVO_STATE_WORDS],
     /// Axis index.
     pub axis: u32,
     /// Role: 0 = a, 1 = b.
@@ -589,14 +588,17 @@ pub struct AxisCommand {
     pub hand: u32,
     /// Scans that it looks ahead on a course by hand: a change of the course is known so early.
     pub ahead_scans: u32,
-    /// Kept zero.
-    pub reserved: u32,
+    /// Words of the state that are in use.
+    pub state_words: u32,
+    /// The servo's state after this scan, in every scan of an axis with a standby, else every [`STATE_EVERY_SCANS`], as the servo lays it out: for the axis's other servo, which goes on from it to the
+    /// bit. Nobody else can read it; what others need has a field of its own.
+    pub state: [u64; SERVO_STATE_WORDS],
     /// Of all that stands before it (XXH3-64); written when it is sent, checked by every reader.
     pub checksum: u64,
 }
 table!(
     AxisCommand: scan, visible_from, position, velocity_mm_s, torque_nm, feed_forward_mm_s, following_error_mm,
-    stop_deceleration_mm_s2, compensation_mm, friction_pulse_mm_s, torque_feed_forward_nm, torque_cut_nm, friction_level, friction_unexplained, held, pending, refused, tag, state, axis, role, incarnation, drive_mode, cause, hand, ahead_scans, reserved, checksum,
+    stop_deceleration_mm_s2, compensation_mm, friction_pulse_mm_s, torque_feed_forward_nm, torque_cut_nm, friction_level, friction_unexplained, held, pending, refused, tag, axis, role, incarnation, drive_mode, cause, hand, ahead_scans, state_words, state, checksum,
 );
 
 impl AxisCommand {

@@ -190,6 +190,10 @@ pub trait Sample: Pod + ZeroCopySend + Debug {
     fn scan(&self) -> u64;
     /// The first scan in which a reader may act on it.
     fn visible_from(&self) -> u64;
+    /// Bytes at its beginning that are in use; what follows, but for the checksum, is never sent.
+    fn used_bytes(&self) -> usize {
+        size_of::<Self>()
+    }
     /// Writes its checksum, if it has one.
     fn seal(&mut self) {}
     /// Whether it is what was sent, as far as its checksum tells.
@@ -203,7 +207,7 @@ pub trait Sample: Pod + ZeroCopySend + Debug {
 }
 
 macro_rules! samples {
-    ($($type:ident: $scan:ident $([$checksum:ident])? $(if $sound:expr)?),*) => {$(
+    ($($type:ident: $scan:ident $([$checksum:ident])? $(of $used:expr)? $(, if $sound:expr)?);* $(;)?) => {$(
         impl Sample for $type {
             fn scan(&self) -> u64 {
                 self.$scan
@@ -212,13 +216,19 @@ macro_rules! samples {
             fn visible_from(&self) -> u64 {
                 self.visible_from
             }
+
+            $(fn used_bytes(&self) -> usize {
+                let used: fn(&Self) -> usize = $used;
+                used(self)
+            })?
+
             $(fn seal(&mut self) {
                 const { assert!(offset_of!($type, $checksum) + size_of::<u64>() == size_of::<$type>()) };
-                self.$checksum = checksum::of(self);
+                self.$checksum = checksum::of(self, self.used_bytes());
             }
 
             fn is_whole(&self) -> bool {
-                self.$checksum == checksum::of(self)
+                self.$checksum == checksum::of(self, self.used_bytes())
             })?
 
             $(fn is_sound(&self) -> bool {
@@ -230,15 +240,20 @@ macro_rules! samples {
 }
 samples!(
     // It counts in its own scan.
-    Feedback: scan [checksum] if |feedback| {
+    Feedback: scan [checksum] of |feedback| {
+        offset_of!(Feedback, axes) + size_of_val(feedback.axes())
+    }, if |feedback| {
         let counts = feedback.scan <= SCAN_MAX && feedback.scan == feedback.visible_from;
         counts && feedback.axis_count as usize <= MAX_AXES
-    },
-    Instruments: scan if |instruments| is_possible(instruments.scan, instruments.visible_from),
-    BusCycle: scan if |cycle| is_possible(cycle.scan, cycle.visible_from),
-    AxisCommand: scan [checksum] if |command| is_possible(command.scan, command.visible_from),
-    PlannerStatus: scan [checksum] if |status| is_possible(status.scan, status.visible_from),
-    Roster: visible_from [checksum] if |roster| roster.visible_from <= SCAN_MAX
+    };
+    Instruments: scan, if |instruments| is_possible(instruments.scan, instruments.visible_from);
+    BusCycle: scan, if |cycle| is_possible(cycle.scan, cycle.visible_from);
+    AxisCommand: scan [checksum] of |command| {
+        let words = command.state.get(..command.state_words as usize);
+        offset_of!(AxisCommand, state) + size_of_val(words.unwrap_or(&command.state))
+    }, if |command| is_possible(command.scan, command.visible_from);
+    PlannerStatus: scan [checksum], if |status| is_possible(status.scan, status.visible_from);
+    Roster: visible_from [checksum], if |roster| roster.visible_from <= SCAN_MAX;
 );
 
 /// Whether a cell can have come to these scans.

@@ -12,14 +12,14 @@ use crate::mapped_page::{self, MappedPage};
 use crate::sample::{MAX_PARTICIPANTS, OperatorRequest, OperatorResponse, Order};
 
 use atomic::{AtomicU32, AtomicU64, Ordering};
-use words::{Outstanding, Requests, Saved, Urgent};
+use words::{Outstanding, Requests, Rings, Saved, Urgent};
 
 mod atomic {
     pub use std::sync::atomic::{AtomicU32, AtomicU64, Ordering, fence};
 }
 mod words;
 
-const MAGIC: u64 = u64::from_le_bytes(*b"QUADRAN6");
+const MAGIC: u64 = u64::from_le_bytes(*b"QUADRAN7");
 /// Most faults a script of one run can have.
 pub const FAULTS_MAX: usize = 1024;
 /// Bytes kept for one saved state of the master.
@@ -77,29 +77,32 @@ pub struct FaultRequest {
 }
 
 /// A futex word that some process waits at.
-#[repr(C, align(64))]
+#[repr(transparent)]
 #[derive(Debug, Default)]
-pub struct Signal(AtomicU32);
+pub struct Signal(Rings);
 
 impl Signal {
     /// The count of rings; take it before looking at the ports, then wait for it to change.
     pub fn count(&self) -> u32 {
-        self.0.load(Ordering::Acquire)
+        self.0.count.load(Ordering::Acquire)
     }
 
     /// Wakes everybody who waits here.
     pub fn raise(&self) {
-        self.0.fetch_add(1, Ordering::Release);
-        let _ = futex::wake(&self.0, futex::Flags::empty(), i32::MAX as u32);
+        if self.0.raise() {
+            let _ = futex::wake(&self.0.count, futex::Flags::empty(), i32::MAX as u32);
+        }
     }
 
-    /// Waits until the count is no longer `seen`, at most `limit`; may return early.
+    /// Waits asleep until the count is no longer `seen`, at most `limit`; may return early.
     pub fn wait(&self, seen: u32, limit: Duration) {
         let limit = futex::Timespec {
             tv_sec: limit.as_secs() as i64,
             tv_nsec: i64::from(limit.subsec_nanos()),
         };
-        let _ = futex::wait(&self.0, futex::Flags::empty(), seen, Some(&limit));
+        self.0.sleep();
+        let _ = futex::wait(&self.0.count, futex::Flags::empty(), seen, Some(&limit));
+        self.0.rise();
     }
 }
 

@@ -316,21 +316,21 @@ class AxisCommand(ctypes.Structure):
         ("pending", WindowId),  # at 128
         ("refused", WindowId),  # at 144
         ("tag", PathTag),  # at 160
-        ("state", c_uint64 * 192),  # at 176
-        ("axis", c_uint32),  # at 1712
-        ("role", c_uint32),  # at 1716
-        ("incarnation", c_uint32),  # at 1720
-        ("drive_mode", c_uint32),  # at 1724
-        ("cause", c_uint32),  # at 1728
-        ("hand", c_uint32),  # at 1732
-        ("ahead_scans", c_uint32),  # at 1736
-        ("reserved", c_uint32),  # at 1740
+        ("axis", c_uint32),  # at 176
+        ("role", c_uint32),  # at 180
+        ("incarnation", c_uint32),  # at 184
+        ("drive_mode", c_uint32),  # at 188
+        ("cause", c_uint32),  # at 192
+        ("hand", c_uint32),  # at 196
+        ("ahead_scans", c_uint32),  # at 200
+        ("state_words", c_uint32),  # at 204
+        ("state", c_uint64 * 192),  # at 208
         ("checksum", c_uint64),  # at 1744
     ]
 
     @staticmethod
     def type_name() -> str:
-        return "quadrant/AxisCommand/7"
+        return "quadrant/AxisCommand/8"
 
 
 assert ctypes.sizeof(AxisCommand) == 1752

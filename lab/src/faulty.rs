@@ -58,7 +58,9 @@ impl<P, F: Fn(usize) -> Option<u64>> Faulty<P, F> {
 }
 
 impl<P: ServoPorts, F: Fn(usize) -> Option<u64>> ServoPorts for Faulty<P, F> {
-    fn next_feedback(&mut self) -> Option<Feedback> {
+    type Feedback = P::Feedback;
+
+    fn next_feedback(&mut self) -> Option<P::Feedback> {
         self.ports.next_feedback()
     }
 

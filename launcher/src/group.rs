@@ -243,7 +243,7 @@ impl Member {
 pub struct Group {
     members: Vec<Member>,
     plan: Plan,
-    core: Option<usize>,
+    cores: Option<[usize; 3]>,
     register: Register,
     /// The launcher's foot in the cell.
     pub bus: Bus,
@@ -255,16 +255,17 @@ pub struct Group {
     cell: Ownership,
 }
 
-/// The processor on which the processes of a lockstep cell hand over to each other: on one, a hand-over costs a few
-/// µs; between two, the wake-up of a sleeping one. Cells spread over the processors by the launcher's process id.
-fn lockstep_core(pace: Pace) -> Option<usize> {
+/// The processors of a lockstep cell: that of the master, which waits awake for the answers, and that of those who answer, who
+/// hand over to each other there, and that of the recorder: where there are two, it works while the master waits. Cells spread over
+/// the processors by the launcher's process id.
+fn lockstep_cores(pace: Pace) -> Option<[usize; 3]> {
     if pace != Pace::Lockstep {
         return None;
     }
     let cores = bus::realtime::processors();
-    cores
-        .get(std::process::id() as usize % cores.len().max(1))
-        .copied()
+    let first = std::process::id() as usize % cores.len().max(1);
+    let mut from_first = cores.iter().cycle().skip(first).copied();
+    Some([from_first.next()?, from_first.next()?, from_first.next()?])
 }
 
 impl Group {
@@ -297,11 +298,11 @@ impl Group {
         let register = Register::new(bus.roster_writer()?);
         cell.keep_spare_room();
         cell.note_made();
-        let core = lockstep_core(plan.pace);
+        let cores = lockstep_cores(plan.pace);
         let mut group = Group {
             members: Vec::new(),
             plan: plan.clone(),
-            core,
+            cores,
             register,
             bus,
             page,
@@ -403,13 +404,13 @@ impl Group {
         if let Some(scan) = after_scan {
             command.args(["--after-scan", &scan.to_string()]);
         }
-        if let Some(core) = self.core {
-            let where_to = if role.process.job == Job::Monitor {
-                "--avoid-core"
-            } else {
-                "--core"
+        if let Some([of_master, of_answers, of_recorder]) = self.cores {
+            let core = match role.process.job {
+                Job::Master => of_master,
+                Job::Monitor => of_recorder,
+                _ => of_answers,
             };
-            command.args([where_to, &core.to_string()]);
+            command.args(["--core", &core.to_string()]);
         }
         let mut child = command
             .spawn()

@@ -333,7 +333,10 @@ impl BusPorts {
         self.answers.clear();
         // Nearly always the last to answer has rung or will, and all answers are there after one wait.
         if let Some(seen) = self.seen_before_waking {
-            self.member.page.master_signal().wait(seen, WAIT_STEP);
+            let signal = self.member.page.master_signal();
+            if !self.member.wait_awake(signal, seen) {
+                signal.wait(seen, WAIT_STEP);
+            }
         }
         let mut late_since: Option<Instant> = None;
         loop {
@@ -521,6 +524,7 @@ impl MasterPorts for BusPorts {
     fn read_roster(&mut self) {
         if let Some(roster) = self.ports.roster.newest(u64::MAX) {
             let before = self.recorder_incarnation();
+            if roster.version != self.roster.version {}
             self.roster = roster;
             // Another recorder than the one that stalled is worth waiting for again.
             self.recorder_dropped &= self.recorder_incarnation() == before;

@@ -137,6 +137,10 @@ pub fn run(options: &Options) -> Result<(), MonitorError> {
             alone_since = None;
             losses.feedback(&feedback);
             ports.record(&feedback, &mut sinks)?;
+            if lockstep {
+                // The master may wait for this processor.
+                rustix::thread::sched_yield();
+            }
             ended = feedback.last == 1;
             member
                 .page

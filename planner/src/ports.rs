@@ -202,7 +202,7 @@ impl PlannerPorts for BusPorts {
                 .next_feedback(signal, &mut self.feedback, self.last)?;
             self.last = Some(feedback.scan);
             if feedback.last == 1 || self.boundaries.asks(feedback.scan) {
-                return Some(feedback);
+                return Some(*feedback);
             }
         }
     }

@@ -2,7 +2,8 @@
 use std::sync::Arc;
 
 use bus::sample::{
-    AxisCommand, AxisFeedback, Cause, Driver, Feedback, Mode, Reference, Setpoint, WindowHeader,
+    AxisCommand, AxisFeedback, Cause, Driver, Feedback, Mode, Reference, STATE_EVERY_SCANS,
+    Setpoint, WindowHeader,
 };
 use bytemuck::Zeroable;
 use loops::feed_forward::PeriodState;
@@ -474,7 +475,9 @@ impl Servo {
         let (model, learned) = (&self.settings.model, self.learned.as_deref());
         command.friction_level = model.friction_level(&self.state.model, learned);
         command.friction_unexplained = self.state.model.adaptation.unexplained();
-        command.state = self.state.words();
+        if self.settings.has_standby || command.scan.is_multiple_of(STATE_EVERY_SCANS) {
+            self.state.put_into(&mut command);
+        }
         command
     }
 }

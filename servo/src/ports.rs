@@ -1,10 +1,11 @@
 //! What a servo sees of its cell, and the same over the bus.
 
+use std::ops::Deref;
 use std::rc::Rc;
 
 use bus::cell::CellError;
 use bus::member::Member;
-use bus::port::{Reader, WindowReader, Writer};
+use bus::port::{Held, Reader, WindowReader, Writer};
 use bus::sample::{AxisCommand, Feedback, Setpoint, WindowHeader};
 use bus::service::{ROLES, SCAN_DEPTH};
 
@@ -13,8 +14,11 @@ const HORIZON_SCANS: u64 = SCAN_DEPTH as u64 + 1;
 
 /// What a servo sees of its cell. Shared memory, queues and faulty decorators implement it.
 pub trait ServoPorts {
+    /// A feedback where it lies.
+    type Feedback: Deref<Target = Feedback>;
+
     /// Waits for the newest feedback after the one before; none when it is time to leave.
-    fn next_feedback(&mut self) -> Option<Feedback>;
+    fn next_feedback(&mut self) -> Option<Self::Feedback>;
 
     /// Hands every window that has become visible by `scan` to `offer`, in order.
     fn for_each_window(&mut self, scan: u64, offer: impl FnMut(&WindowHeader, &[Setpoint]));
@@ -69,7 +73,9 @@ impl BusPorts {
 }
 
 impl ServoPorts for BusPorts {
-    fn next_feedback(&mut self) -> Option<Feedback> {
+    type Feedback = Held<Feedback>;
+
+    fn next_feedback(&mut self) -> Option<Held<Feedback>> {
         let signal = self.member.page.scan_signal();
         let feedback = self
             .member

@@ -46,6 +46,8 @@ pub struct ServoSettings {
     pub axis: usize,
     /// Axes of the machine.
     pub axis_count: usize,
+    /// Whether the axis has a second servo, which goes on from the first one's state.
+    pub has_standby: bool,
     /// Tp, in s.
     pub scan_s: f64,
     /// N.
@@ -113,6 +115,7 @@ impl ServoSettings {
         let mut settings = ServoSettings {
             axis: index,
             axis_count: machine.axes.len(),
+            has_standby: axis.standby,
             scan_s,
             scans_per_period: machine.scan.interpolation_period_scans,
             look_ahead_periods: machine.scan.look_ahead_periods as usize,

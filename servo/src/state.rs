@@ -84,14 +84,16 @@ impl ServoState {
         state
     }
 
-    /// The words that a command carries it in; those left over are 0.
-    pub fn words(&self) -> [u64; SERVO_STATE_WORDS] {
-        let mut words = [0; SERVO_STATE_WORDS];
+    /// Puts it into a command.
+    pub fn put_into(&self, command: &mut AxisCommand) {
         let from = bytemuck::bytes_of(self);
-        for (byte, from) in bytemuck::bytes_of_mut(&mut words).iter_mut().zip(from) {
+        for (byte, from) in bytemuck::cast_slice_mut(&mut command.state)
+            .iter_mut()
+            .zip(from)
+        {
             *byte = *from;
         }
-        words
+        command.state_words = (size_of::<ServoState>() / size_of::<u64>()) as u32;
     }
 }
 
@@ -106,13 +108,12 @@ mod tests {
         for (index, byte) in bytes.iter_mut().enumerate() {
             *byte = (index * 7 % 251) as u8;
         }
-        let command = AxisCommand {
-            state: state.words(),
-            ..AxisCommand::default()
-        };
+        let mut command = AxisCommand::default();
+        state.put_into(&mut command);
         let found = ServoState::of(&command);
         assert_eq!(bytemuck::bytes_of(&found), bytemuck::bytes_of(&state));
-        let words = size_of::<ServoState>() / size_of::<u64>();
+        let words = command.state_words as usize;
+        assert_eq!(words * size_of::<u64>(), size_of::<ServoState>());
         assert!(command.state.iter().skip(words).all(|word| *word == 0));
     }
 }

@@ -100,6 +100,34 @@ impl<const WORDS: usize, const KEPT: usize> Urgent<WORDS, KEPT> {
     }
 }
 
+/// The words of a signal: how often it was raised, and who sleeps until it is.
+#[repr(C, align(64))]
+#[derive(Debug, Default)]
+pub(crate) struct Rings {
+    /// Times it was raised: the word that sleepers sleep at.
+    pub count: AtomicU32,
+    /// Those who sleep, at least: one that is killed in its sleep stays counted, and costs the others a system call.
+    sleepers: AtomicU32,
+}
+
+impl Rings {
+    /// One more; whether somebody sleeps who is to be woken.
+    pub fn raise(&self) -> bool {
+        self.count.fetch_add(1, Ordering::SeqCst);
+        self.sleepers.load(Ordering::SeqCst) > 0
+    }
+
+    /// Before the caller sleeps, if the count is still what it has seen.
+    pub fn sleep(&self) {
+        self.sleepers.fetch_add(1, Ordering::SeqCst);
+    }
+
+    /// After it.
+    pub fn rise(&self) {
+        self.sleepers.fetch_sub(1, Ordering::SeqCst);
+    }
+}
+
 /// How many answers to the scan the master still waits for.
 #[repr(C, align(64))]
 #[derive(Debug, Default)]

@@ -91,8 +91,10 @@ pub struct ServoScan<'a> {
 }
 
 impl ServoPorts for ServoScan<'_> {
-    fn next_feedback(&mut self) -> Option<Feedback> {
-        self.feedback.take()
+    type Feedback = Box<Feedback>;
+
+    fn next_feedback(&mut self) -> Option<Box<Feedback>> {
+        self.feedback.take().map(Box::new)
     }
 
     fn for_each_window(&mut self, scan: u64, mut offer: impl FnMut(&WindowHeader, &[Setpoint])) {

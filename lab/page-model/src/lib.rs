@@ -100,7 +100,7 @@ use std::sync::atomic::{AtomicUsize, Ordering as Plain};
 use atomic::{AtomicU32, AtomicU64, Ordering, dies_after};
 use loom::sync::Arc;
 use loom::thread;
-use words::{Outstanding, Requests, Saved, Urgent};
+use words::{Outstanding, Requests, Rings, Saved, Urgent};
 
 /// Tries every interleaving; how many there were.
 fn every(what: &str, run: impl Fn() + Sync + Send + 'static) {
@@ -404,4 +404,24 @@ fn a_state_is_never_saved_half() {
             },
         );
     }
+}
+
+/// One falls asleep while a signal is raised: it is woken, or does not fall asleep.
+#[test]
+fn nobody_sleeps_through_a_signal() {
+    every("one asleep", || {
+        let rings = Arc::new(Rings::default());
+        let asleep = {
+            let rings = Arc::clone(&rings);
+            thread::spawn(move || {
+                rings.sleep();
+                // As the kernel does: nobody falls asleep over a count that has changed.
+                rings.count.load(Ordering::SeqCst) == 0
+            })
+        };
+        let is_woken = rings.raise();
+        assert!(!asleep.join().expect("the sleeper") || is_woken);
+        rings.rise();
+        assert!(!rings.raise(), "nobody sleeps");
+    });
 }

@@ -36,9 +36,11 @@ impl ServoQueues {
 }
 
 impl ServoPorts for ServoQueues {
-    fn next_feedback(&mut self) -> Option<Feedback> {
+    type Feedback = Box<Feedback>;
+
+    fn next_feedback(&mut self) -> Option<Box<Feedback>> {
         self.sent.clear();
-        self.feedback.take()
+        self.feedback.take().map(Box::new)
     }
 
     fn for_each_window(&mut self, scan: u64, mut offer: impl FnMut(&WindowHeader, &[Setpoint])) {

@@ -17,12 +17,13 @@ use super::sample::{LoggedWindow, Sample, SampleRef};
 pub const ENCAPSULATION: [u8; 4] = [0, 1, 0, 0];
 
 /// Fields that only a log of whole samples has: a servo's own memory, and what says that a sample in shared memory is whole.
-const WHOLE_ONLY: [&str; 5] = [
+const WHOLE_ONLY: [&str; 6] = [
     "checksum",
     "motion_digest_high",
     "motion_digest_low",
     "reserved",
     "state",
+    "state_words",
 ];
 
 /// What a message carries.

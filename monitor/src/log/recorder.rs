@@ -284,6 +284,7 @@ impl Recorder {
         let of_box = self.whole.as_ref();
         let is_of_box = of_box.is_some_and(|whole| whole.contains(&command.scan));
         if let Some(said) = self.commands.get_mut(axis)
+            && command.state_words > 0
             && (is_of_box
                 || std::mem::take(&mut said.whole_is_due)
                 || command.scan.is_multiple_of(WHOLE_EVERY_SCANS))

@@ -473,6 +473,7 @@ fn a_level_leaves_out_what_it_says_and_notes_the_digest_of_all() {
                     (command.scan, command.visible_from) = (scan, scan);
                     (command.axis, command.role) = (axis, role);
                     command.state[7] = scan;
+                    command.state_words = 8;
                     // In one scan the standby of Y differs.
                     command.position = i64::from(scan == 300 && axis == 1 && role == 1);
                     let axis = axis as usize;

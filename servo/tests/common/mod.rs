@@ -20,6 +20,8 @@ pub fn machine(name: &str) -> Machine {
     let mut machine = Machine::load(&folder).expect("a machine that comes with the product");
     machine.axes.truncate(2);
     for axis in &mut machine.axes {
+        // A servo with a standby says its state in every command.
+        axis.standby = true;
         axis.reversal.method = machine::ReversalMethod::FrictionPulse;
         axis.torque_feed_forward = machine::TorqueFeedForward {
             acceleration: false,
@@ -42,13 +44,15 @@ pub fn seal(header: &mut WindowHeader, setpoints: &[Setpoint]) {
 
 /// Ports of one scan.
 struct ScanPorts<'a> {
-    feedback: Option<Feedback>,
+    feedback: Option<&'a Feedback>,
     offered: &'a Option<(WindowHeader, Vec<Setpoint>)>,
     command: AxisCommand,
 }
 
-impl ServoPorts for ScanPorts<'_> {
-    fn next_feedback(&mut self) -> Option<Feedback> {
+impl<'a> ServoPorts for ScanPorts<'a> {
+    type Feedback = &'a Feedback;
+
+    fn next_feedback(&mut self) -> Option<&'a Feedback> {
         self.feedback.take()
     }
 
@@ -76,7 +80,7 @@ pub fn answer(
     offered: &Option<(WindowHeader, Vec<Setpoint>)>,
 ) -> AxisCommand {
     let mut ports = ScanPorts {
-        feedback: Some(*feedback),
+        feedback: Some(feedback),
         offered,
         command: AxisCommand::zeroed(),
     };
