@@ -15,7 +15,10 @@ const END: [i64; 2] = [25_000_000, 0];
 const MID_ARC: u64 = 1550;
 
 fn bench(edits: &[(&str, &str)]) -> (Bench, std::path::PathBuf) {
-    let bench = Bench::of("xy", edits);
+    // A servo with a standby says its state in every command.
+    let standby = "drive_mode = \"velocity\"\nstandby = true";
+    let standby = [("drive_mode = \"velocity\"", standby)];
+    let bench = Bench::of("xy", &[edits, &standby].concat());
     let program = bench.file("circle.ngc", &circle_program(25.0, 3000.0, (0.0, 0.0), 0.0));
     (bench, program)
 }
@@ -56,7 +59,9 @@ fn log(run: &Run) -> (Vec<Feedback>, [Vec<AxisCommand>; 2]) {
     for sample in Reader::open(&run.out.join("run.mcap")).expect("the log") {
         match sample.expect("a sample") {
             Sample::Feedback(feedback) => feedbacks.push(*feedback),
-            Sample::Command(command) => commands[command.axis as usize].push(*command),
+            Sample::Command(command) if command.role == 0 => {
+                commands[command.axis as usize].push(*command);
+            }
             _ => {}
         }
     }
