@@ -288,15 +288,16 @@ impl<'a> Cursor<'a> {
         loop {
             self.skip_blanks();
             let start = self.offset;
-            let Some(operator) = self.operator() else {
+            let Some(&(_, level, apply)) = OPERATORS.iter().find(|of| self.take_operator(of.0))
+            else {
                 return Ok(left);
             };
-            if operator.level() <= bound {
+            if level <= bound {
                 self.offset = start;
                 return Ok(left);
             }
-            let right = self.operation(lookup, depth + 1, operator.level())?;
-            left = match operator.apply(left, right) {
+            let right = self.operation(lookup, depth + 1, level)?;
+            left = match apply(left, right) {
                 Ok(value) if value.is_finite() => value,
                 Ok(_) => {
                     return refuse(start, "a result that is no number", "values within range");
@@ -306,29 +307,20 @@ impl<'a> Cursor<'a> {
         }
     }
 
-    fn operator(&mut self) -> Option<Operator> {
-        let operator = match self.peek() {
-            b'+' => Operator::Plus,
-            b'-' => Operator::Minus,
-            b'/' => Operator::Divide,
-            b'*' => {
-                self.offset += 1;
-                if self.peek() == b'*' {
-                    self.offset += 1;
-                    return Some(Operator::Power);
-                }
-                return Some(Operator::Times);
-            }
-            b'm' | b'e' | b'n' | b'g' | b'l' | b'a' | b'o' | b'x' => {
-                return WORD_OPERATORS
-                    .iter()
-                    .find(|(word, _)| self.take_word(word))
-                    .map(|&(_, operator)| operator);
-            }
-            _ => return None,
-        };
-        self.offset += 1;
-        Some(operator)
+    fn take_operator(&mut self, operator: &str) -> bool {
+        if operator
+            .as_bytes()
+            .first()
+            .is_some_and(u8::is_ascii_alphabetic)
+        {
+            return self.take_word(operator);
+        }
+        let rest = self.text.get(self.offset..).unwrap_or_default();
+        let is_next = rest.starts_with(operator);
+        if is_next {
+            self.offset += operator.len();
+        }
+        is_next
     }
 
     /// A function with its argument; ATAN has two.
@@ -410,81 +402,46 @@ const FUNCTIONS: [&str; 14] = [
     "exists",
 ];
 
-const WORD_OPERATORS: [(&str, Operator); 10] = [
-    ("mod", Operator::Modulo),
-    ("eq", Operator::Equal),
-    ("ne", Operator::NotEqual),
-    ("gt", Operator::Greater),
-    ("ge", Operator::GreaterEqual),
-    ("lt", Operator::Less),
-    ("le", Operator::LessEqual),
-    ("and", Operator::And),
-    ("or", Operator::Or),
-    ("xor", Operator::ExclusiveOr),
+/// What an operator makes of the values at its sides, or why it has no result.
+type Apply = fn(f64, f64) -> Result<f64, &'static str>;
+
+/// Operators, each with its level (higher ones bind more closely) and what it does. An operator that begins with another one stands
+/// before it.
+#[rustfmt::skip] // a table
+const OPERATORS: [(&str, u32, Apply); 15] = [
+ ("**", 5, power),
+ ("*", 4, |left, right| Ok(left * right)),
+ ("/", 4, |left, right| if right == 0.0 { Err("a division by zero") } else { Ok(left / right) }),
+ ("mod", 4, modulo),
+ ("+", 3, |left, right| Ok(left + right)),
+ ("-", 3, |left, right| Ok(left - right)),
+ ("eq", 2, |left, right| truth((left - right).abs() < EQUAL_WITHIN)),
+ ("ne", 2, |left, right| truth((left - right).abs() >= EQUAL_WITHIN)),
+ ("gt", 2, |left, right| truth(left > right)),
+ ("ge", 2, |left, right| truth(left >= right)),
+ ("lt", 2, |left, right| truth(left < right)),
+ ("le", 2, |left, right| truth(left <= right)),
+ ("and", 1, |left, right| truth(left != 0.0 && right != 0.0)),
+ ("or", 1, |left, right| truth(left != 0.0 || right != 0.0)),
+ ("xor", 1, |left, right| truth((left != 0.0) != (right != 0.0))),
 ];
 
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Operator {
-    Power,
-    Times,
-    Divide,
-    Modulo,
-    Plus,
-    Minus,
-    Equal,
-    NotEqual,
-    Greater,
-    GreaterEqual,
-    Less,
-    LessEqual,
-    And,
-    Or,
-    ExclusiveOr,
+fn power(left: f64, right: f64) -> Result<f64, &'static str> {
+    if left < 0.0 && right.fract() != 0.0 {
+        return Err("a negative number to a power that is not whole");
+    }
+    Ok(libm::pow(left, right))
 }
 
-impl Operator {
-    /// How tight it binds.
-    fn level(self) -> u32 {
-        match self {
-            Operator::And | Operator::Or | Operator::ExclusiveOr => 1,
-            Operator::Equal
-            | Operator::NotEqual
-            | Operator::Greater
-            | Operator::GreaterEqual
-            | Operator::Less
-            | Operator::LessEqual => 2,
-            Operator::Plus | Operator::Minus => 3,
-            Operator::Times | Operator::Divide | Operator::Modulo => 4,
-            Operator::Power => 5,
-        }
+/// The rest of a division, never negative.
+fn modulo(left: f64, right: f64) -> Result<f64, &'static str> {
+    if right == 0.0 {
+        return Err("MOD 0");
     }
+    let rest = libm::fmod(left, right);
+    Ok(if rest < 0.0 { rest + right.abs() } else { rest })
+}
 
-    fn apply(self, left: f64, right: f64) -> Result<f64, &'static str> {
-        let truth = |value: bool| Ok(if value { 1.0 } else { 0.0 });
-        match self {
-            Operator::Power if left < 0.0 && right.fract() != 0.0 => {
-                Err("a negative number to a power that is not whole")
-            }
-            Operator::Power => Ok(libm::pow(left, right)),
-            Operator::Times => Ok(left * right),
-            Operator::Divide if right == 0.0 => Err("a division by zero"),
-            Operator::Divide => Ok(left / right),
-            Operator::Modulo if right == 0.0 => Err("MOD 0"),
-            Operator::Modulo => {
-                let rest = libm::fmod(left, right);
-                Ok(if rest < 0.0 { rest + right.abs() } else { rest })
-            }
-            Operator::Plus => Ok(left + right),
-            Operator::Minus => Ok(left - right),
-            Operator::Equal => truth((left - right).abs() < EQUAL_WITHIN),
-            Operator::NotEqual => truth((left - right).abs() >= EQUAL_WITHIN),
-            Operator::Greater => truth(left > right),
-            Operator::GreaterEqual => truth(left >= right),
-            Operator::Less => truth(left < right),
-            Operator::LessEqual => truth(left <= right),
-            Operator::And => truth(left != 0.0 && right != 0.0),
-            Operator::Or => truth(left != 0.0 || right != 0.0),
-            Operator::ExclusiveOr => truth((left != 0.0) != (right != 0.0)),
-        }
-    }
+fn truth(value: bool) -> Result<f64, &'static str> {
+    Ok(f64::from(u8::from(value)))
 }
