@@ -7,7 +7,7 @@ use crate::bridge::Bridge;
 use crate::drive::{DriveParameters, DriveSettings, DriveState};
 use crate::measurement::{Measurement, MeasurementState, TORQUES_KEPT};
 use crate::mechanics::{MechanicsSettings, MechanicsState};
-use crate::plant_file::{PlantAxis, PlantFile};
+use crate::plant_file::PlantFile;
 use crate::winding::{WindingSettings, WindingState};
 
 /// Period of the bench instruments, in µs.
@@ -23,59 +23,10 @@ const REST_S: f64 = 0.05;
 const RUN_DOWN_S_MAX: f64 = 20.0;
 
 /// Clocks that do not fit each other.
+/// Why plant file and machine file do not fit each other.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-pub enum AxisSettingsError {
-    /// The drive period is not a whole number of microsteps.
-    #[error(
-        "axis {axis} velocity_loop.period_us = {period_us} µs: must be a multiple of the plant's microstep_us = {microstep_us} µs"
-    )]
-    DrivePeriod {
-        /// Axis.
-        axis: String,
-        /// The drive period.
-        period_us: u32,
-        /// The microstep, as text.
-        microstep_us: String,
-    },
-    /// The scan is not a whole number of drive periods.
-    #[error(
-        "axis {axis} velocity_loop.period_us = {period_us} µs: the scan of {scan_us} µs must be a multiple of it"
-    )]
-    ScanPeriod {
-        /// Axis.
-        axis: String,
-        /// The drive period.
-        period_us: u32,
-        /// The scan.
-        scan_us: u32,
-    },
-    /// The scan is longer than an instrument period and not a whole number of them.
-    #[error(
-        "scan.period_us = {scan_us} µs: above {INSTRUMENT_PERIOD_US} µs it must be a multiple of it, the instruments' period"
-    )]
-    InstrumentPeriod {
-        /// The scan.
-        scan_us: u32,
-    },
-    /// The torque is shown later than the drive remembers.
-    #[error(
-        "axis {axis} measurement.torque_delay_ms: {scans} scans, and the drive keeps the torques of {most}"
-    )]
-    TorqueDelay {
-        /// Axis.
-        axis: String,
-        /// The delay.
-        scans: usize,
-        /// The longest.
-        most: usize,
-    },
-    /// The plant file has no such axis.
-    #[error("axis {axis}: the plant file has no [[axis]] of that name")]
-    NoSuchAxis {
-        /// Axis.
-        axis: String,
-    },
-}
+#[error("{0}")]
+pub struct SetupError(pub String);
 
 /// The constants of one axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -200,76 +151,59 @@ impl AxisSettings {
         name: &str,
         drive: &DriveParameters,
         scan_us: u32,
-    ) -> Result<Self, AxisSettingsError> {
-        let axis = plant
-            .axis(name)
-            .ok_or_else(|| AxisSettingsError::NoSuchAxis { axis: name.into() })?;
-        let microstep_ns = plant.microstep_ns();
-        let microsteps_per_drive_period =
-            whole(drive.period_us, microstep_ns).ok_or_else(|| AxisSettingsError::DrivePeriod {
-                axis: name.into(),
-                period_us: drive.period_us,
-                microstep_us: plant.microstep_us.to_string(),
-            })?;
-        if drive.period_us == 0 || scan_us == 0 || !scan_us.is_multiple_of(drive.period_us) {
-            return Err(AxisSettingsError::ScanPeriod {
-                axis: name.into(),
-                period_us: drive.period_us,
-                scan_us,
-            });
+    ) -> Result<Self, SetupError> {
+        let wrong = |what: &str| SetupError(format!("axis {name}{what}"));
+        let axis = plant.axis(name);
+        let axis = axis.ok_or_else(|| wrong(": the plant file has no [[axis]] of that name"))?;
+        let (period_us, microstep_ns) = (drive.period_us, plant.microstep_ns());
+        let wrong_period = |what: String| {
+            wrong(&format!(
+                " velocity_loop.period_us = {period_us} µs: {what}"
+            ))
+        };
+        let microsteps_per_drive_period = whole(period_us, microstep_ns).ok_or_else(|| {
+            let microstep_us = plant.microstep_us;
+            wrong_period(format!(
+                "must be a multiple of the plant's microstep_us = {microstep_us} µs"
+            ))
+        })?;
+        if period_us == 0 || scan_us == 0 || !scan_us.is_multiple_of(period_us) {
+            let what = format!("the scan of {scan_us} µs must be a multiple of it");
+            return Err(wrong_period(what));
         }
         let sample_us = scan_us.min(INSTRUMENT_PERIOD_US);
         let microsteps_per_sample = whole(sample_us, microstep_ns)
-            .filter(|_| scan_us.is_multiple_of(sample_us))
-            .ok_or(AxisSettingsError::InstrumentPeriod { scan_us })?;
-        let measurement = axis.measurement(f64::from(scan_us) * 1e-6);
+   .filter(|_| scan_us.is_multiple_of(sample_us))
+   .ok_or_else(|| SetupError(format!(
+    "scan.period_us = {scan_us} µs: above {INSTRUMENT_PERIOD_US} µs it must be a multiple of it, the instruments' period"
+   )))?;
+        let scan_s = f64::from(scan_us) * 1e-6;
+        let measurement = axis.measurement(scan_s);
         let scans = measurement.map_or(0, |of| of.torque_delay_scans);
         if scans >= TORQUES_KEPT {
-            return Err(AxisSettingsError::TorqueDelay {
-                axis: name.into(),
-                scans,
-                most: TORQUES_KEPT - 1,
-            });
+            let most = TORQUES_KEPT - 1;
+            return Err(wrong(&format!(
+                " measurement.torque_delay_ms: {scans} scans, and the drive keeps the torques of {most}"
+            )));
         }
-        let microsteps_per_scan = microsteps_per_drive_period * (scan_us / drive.period_us);
-        Ok(Self::build(
-            axis,
-            drive,
-            microstep_ns as f64 * 1e-9,
-            microsteps_per_drive_period,
-            microsteps_per_sample,
-            microsteps_per_scan,
-            scan_us,
-        ))
-    }
-
-    fn build(
-        axis: &PlantAxis,
-        drive: &DriveParameters,
-        microstep_s: f64,
-        microsteps_per_drive_period: u32,
-        microsteps_per_sample: u32,
-        microsteps_per_scan: u32,
-        scan_us: u32,
-    ) -> Self {
+        let microstep_s = microstep_ns as f64 * 1e-9;
         let radius_m = axis.radius_m();
         let count_m = axis.screw.lead_mm * 1e-3 / f64::from(axis.motor.encoder_counts_per_turn);
-        let scan_s = f64::from(scan_us) * 1e-6;
-        AxisSettings {
+        Ok(AxisSettings {
             mechanics: MechanicsSettings::new(&axis.mechanics(microstep_s), microstep_s),
             drive: DriveSettings::new(drive, axis.motor.peak_torque_nm, radius_m, count_m),
             winding: WindingSettings::new(&axis.winding(), scan_s),
-            measurement: axis.measurement(scan_s),
+            measurement,
             radius_m,
             count_m,
             scale_count_m: axis.scale.map(|scale| scale.resolution_nm * 1e-9),
             start_m: axis.start_position_mm * 1e-3,
             microsteps_per_drive_period,
-            microsteps_per_scan,
+            microsteps_per_scan: microsteps_per_drive_period * (scan_us / period_us),
             microsteps_per_sample,
             samples_per_scan: scan_us.div_ceil(INSTRUMENT_PERIOD_US),
             scan_s,
-        }
+        })
     }
 
     /// Instrument samples in one scan: one every 250 µs, or one per scan where the scan is shorter.
@@ -481,11 +415,6 @@ impl AxisSimulation {
     /// Whether the torque limit cut the demand at any period of the last scan.
     pub fn torque_limited(&self) -> bool {
         self.state.torque_limited != 0
-    }
-
-    /// Winding temperature, in °C.
-    pub fn winding_c(&self) -> f64 {
-        self.settings.winding.temperature_c(&self.state.winding)
     }
 
     /// Winding temperature above the ambient, in K.

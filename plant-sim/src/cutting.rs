@@ -1,23 +1,31 @@
 //! The force of the cut on the table.
 
 use bytemuck::{Pod, Zeroable};
+use schemars::JsonSchema;
+use serde::Deserialize;
 
-/// A tool that enters and leaves the material, and its teeth.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Cutting {
-    /// Mean force while it cuts, in N, positive in positive direction.
+/// The force of the cut on the table.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PlantCutting {
+    /// Mean force while the tool is in the material, positive in positive direction.
+    #[schemars(extend("unit" = "N", "minimum" = -100_000, "maximum" = 100_000))]
     pub force_n: f64,
-    /// Amplitude of the force of the teeth, in N.
+    /// Amplitude of the force of the teeth beside it.
+    #[schemars(extend("unit" = "N", "minimum" = 0, "maximum" = 100_000, "default" = 0.0))]
     pub tooth_n: f64,
-    /// Teeth per second.
+    /// Teeth that pass in a second.
+    #[schemars(extend("unit" = "Hz", "minimum" = 0.1, "maximum" = 10_000, "default" = 133.0))]
     pub tooth_hz: f64,
-    /// Time in the material, in s.
+    /// Time in the material.
+    #[schemars(extend("unit" = "s", "minimum" = 0.001, "maximum" = 10_000, "default" = 1.0))]
     pub on_s: f64,
-    /// Time out of it, in s; 0 for never.
+    /// Time out of it; with 0 the tool never leaves it.
+    #[schemars(extend("unit" = "s", "minimum" = 0, "maximum" = 10_000, "default" = 0.0))]
     pub off_s: f64,
 }
 
-/// What [`Cutting`] remembers.
+/// What [`PlantCutting`] remembers.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
 #[repr(C)]
 pub struct CuttingState {
@@ -25,7 +33,7 @@ pub struct CuttingState {
     pub phase_s: f64,
 }
 
-impl Cutting {
+impl PlantCutting {
     /// The force on the table, in N; `time_s` pass.
     pub fn update(&self, state: &mut CuttingState, time_s: f64) -> f64 {
         state.phase_s += time_s;
@@ -47,7 +55,7 @@ mod tests {
 
     #[test]
     fn the_tool_is_in_the_material_for_its_part_of_the_time() {
-        let cutting = Cutting {
+        let cutting = PlantCutting {
             force_n: 120.0,
             tooth_n: 40.0,
             tooth_hz: 133.0,

@@ -3,6 +3,8 @@
 //! Inside, everything is SI: N, m, s, kg.
 
 use bytemuck::{Pod, Zeroable};
+use schemars::JsonSchema;
+use serde::Deserialize;
 
 use crate::sliding_curve::SlidingCurve;
 use crate::variation::Conditions;
@@ -14,21 +16,21 @@ pub const ELEMENTS: usize = 4;
 /// not computed.
 const STRIBECK_EXPONENT_MAX: f64 = 50.0;
 
-/// The law by which a contact rubs.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum FrictionLaw {
+/// By which law a contact rubs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum PlantLaw {
     /// Generalised Maxwell slip.
-    #[default]
     MaxwellSlip,
-    /// LuGre.
-    LuGre,
+    /// LuGre: one spring, as stiff as Coulomb friction over the mean of the break distances.
+    Lugre,
 }
 
 /// What is true of one contact.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FrictionParameters {
     /// Its law.
-    pub law: FrictionLaw,
+    pub law: PlantLaw,
     /// Force in steady sliding well above the Stribeck velocity, without the viscous part, in N.
     pub coulomb_n: f64,
     /// Break-away force, in N; not below `coulomb_n`.
@@ -52,7 +54,7 @@ pub struct FrictionParameters {
 /// The constants of [`FrictionSettings::update`] for one microstep length.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FrictionSettings {
-    law: FrictionLaw,
+    law: PlantLaw,
     step_s: f64,
     /// LuGre's σ0, in N/m.
     bristle_n_per_m: f64,
@@ -202,8 +204,8 @@ impl FrictionSettings {
     /// As [`update`](Self::update), by the contact's own law and under conditions that change.
     pub fn update_at(&self, state: &mut FrictionState, velocity_m_s: f64, at: &Conditions) -> f64 {
         match self.law {
-            FrictionLaw::MaxwellSlip => self.maxwell_slip(state, velocity_m_s, at),
-            FrictionLaw::LuGre => self.lugre(state, velocity_m_s, at),
+            PlantLaw::MaxwellSlip => self.maxwell_slip(state, velocity_m_s, at),
+            PlantLaw::Lugre => self.lugre(state, velocity_m_s, at),
         }
     }
 
@@ -292,7 +294,7 @@ mod tests {
     /// The reference table X of docs/methods/physics.md §3.
     fn table_x() -> FrictionParameters {
         FrictionParameters {
-            law: FrictionLaw::MaxwellSlip,
+            law: PlantLaw::MaxwellSlip,
             coulomb_n: 200.0,
             static_n: 260.0,
             stribeck_velocity_m_s: 3e-3,
@@ -430,7 +432,7 @@ mod tests {
     #[test]
     fn lugre_slides_by_the_stribeck_curve_and_is_a_spring_at_rest() {
         let parameters = FrictionParameters {
-            law: FrictionLaw::LuGre,
+            law: PlantLaw::Lugre,
             ..table_x()
         };
         let settings = FrictionSettings::new(&parameters, STEP_S);
@@ -532,7 +534,7 @@ mod tests {
             harmonic in 2_u32..7,
             steps in 400_u32..20_000,
         ) {
-            let law = if lugre { FrictionLaw::LuGre } else { FrictionLaw::MaxwellSlip };
+            let law = if lugre { PlantLaw::Lugre } else { PlantLaw::MaxwellSlip };
             let settings = FrictionSettings::new(&FrictionParameters { law, ..table_x() }, STEP_S);
             let at = Conditions { sides: [1.0 + direction, 1.0 - direction], ..Conditions::PLAIN };
             let mut state = FrictionState::default();

@@ -10,7 +10,6 @@
     )
 )]
 
-mod attached_mass;
 pub mod auxiliary;
 pub mod axis;
 pub mod bridge;
@@ -18,7 +17,6 @@ pub mod cross_talk;
 pub mod cutting;
 pub mod drive;
 pub mod drives;
-pub mod frame;
 pub mod friction;
 pub mod homing;
 pub mod inputs;
@@ -32,6 +30,7 @@ pub mod script;
 pub mod setup;
 pub mod sliding_curve;
 pub mod spindle;
+mod swinging;
 pub mod variation;
 pub mod winding;
 

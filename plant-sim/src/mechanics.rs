@@ -5,11 +5,10 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use crate::attached_mass::{AttachedMass, AttachedMassState};
-use crate::cutting::{Cutting, CuttingState};
-use crate::frame::{Frame, FrameState};
-use crate::friction::{FrictionLaw, FrictionParameters, FrictionSettings, FrictionState};
+use crate::cutting::{CuttingState, PlantCutting};
+use crate::friction::{FrictionParameters, FrictionSettings, FrictionState, PlantLaw};
 use crate::lost_motion::{LostMotion, LostMotionState};
+use crate::swinging::{Swinging, SwingingState};
 use crate::variation::{Variation, VariationState};
 
 /// Velocities and force lags below this (in m/s and N) are set to zero once per call: far below anything that moves a
@@ -51,11 +50,11 @@ pub struct Beyond {
     /// Hysteresis of the lost motion.
     pub lost_motion: LostMotion,
     /// A mass that swings on the table.
-    pub attached: Option<AttachedMass>,
+    pub attached: Option<Swinging>,
     /// The cut.
-    pub cutting: Option<Cutting>,
+    pub cutting: Option<PlantCutting>,
     /// A frame that swings.
-    pub frame: Option<Frame>,
+    pub frame: Option<Swinging>,
 }
 
 /// What that remembers.
@@ -67,11 +66,11 @@ pub struct BeyondState {
     /// Of the lost motion.
     pub lost_motion: LostMotionState,
     /// Of the mass on the table.
-    pub attached: AttachedMassState,
+    pub attached: SwingingState,
     /// Of the cut.
     pub cutting: CuttingState,
     /// Of the frame.
-    pub frame: FrameState,
+    pub frame: SwingingState,
     /// By which share friction is higher for where other axes are.
     pub friction_share: f64,
 }
@@ -158,7 +157,7 @@ impl MechanicsSettings {
                 let contacts = [&parameters.motor_friction, &parameters.table_friction];
                 let plain = contacts
                     .iter()
-                    .all(|f| f.law == FrictionLaw::MaxwellSlip && f.measured.is_none());
+                    .all(|f| f.law == PlantLaw::MaxwellSlip && f.measured.is_none());
                 (!plain).then(Beyond::default)
             }),
         }
@@ -274,16 +273,17 @@ impl MechanicsSettings {
             let cutting_n = beyond.cutting.map_or(0.0, |cutting| {
                 cutting.update(&mut s.beyond.cutting, self.step_s)
             });
-            let attached_n = beyond
-                .attached
-                .map_or(0.0, |mass| mass.update(&mut s.beyond.attached, s.table_m_s));
+            let attached_n = beyond.attached.map_or(0.0, |mass| {
+                mass.on_table(&mut s.beyond.attached, s.table_m_s)
+            });
             s.motor_m_s +=
                 self.motor_step_s_per_kg * (s.force_n + cogging_n - contact_n - motor_friction_n);
             s.table_m_s +=
                 self.table_step_s_per_kg * (contact_n + cutting_n + attached_n - table_friction_n);
             if let Some(frame) = &beyond.frame {
                 // The tool stands on the ground: what the cut does to it is not the frame's.
-                let faster_m_s = frame.update(&mut s.beyond.frame, contact_n - table_friction_n);
+                let faster_m_s =
+                    frame.under_table(&mut s.beyond.frame, contact_n - table_friction_n);
                 s.table_m_s -= faster_m_s;
                 s.beyond.attached.velocity_m_s -= faster_m_s;
             }

@@ -10,12 +10,13 @@ mod simple;
 #[cfg(test)]
 mod tests;
 
+pub use crate::cutting::PlantCutting;
+pub use crate::friction::PlantLaw;
 pub use keys::{
     Actuated, BODIES_MAX, INPUT_LINES_MAX, MotorFriction, PlantAttachedMass, PlantAxis, PlantBox,
-    PlantBridge, PlantCrossTalk, PlantCutting, PlantCylinder, PlantDrive, PlantDriveHoming,
-    PlantEncoder, PlantFile, PlantFrame, PlantHomeSwitch, PlantInput, PlantLaw,
-    PlantMeasuredFriction, PlantMeasurement, PlantMotor, PlantPlane, PlantProbe, PlantScale,
-    PlantScrew, PlantSimple, PlantSphere, PlantSpindle, PlantTable, PlantToolChanger,
-    PlantVariation, TableFriction,
+    PlantBridge, PlantCrossTalk, PlantCylinder, PlantDrive, PlantDriveHoming, PlantEncoder,
+    PlantFile, PlantFrame, PlantHomeSwitch, PlantInput, PlantMeasuredFriction, PlantMeasurement,
+    PlantMotor, PlantPlane, PlantProbe, PlantScale, PlantScrew, PlantSimple, PlantSphere,
+    PlantSpindle, PlantTable, PlantToolChanger, PlantVariation, TableFriction,
 };
 pub use load::schema;

@@ -4,7 +4,7 @@ use bus::sample::MAX_AXES;
 use machine::{Axis, HomingMethod, Machine, PositionFeedback, ToolChanger};
 
 use crate::auxiliary::SimulatedAuxiliaries;
-use crate::axis::{AxisSettings, AxisSettingsError, AxisSimulation};
+use crate::axis::{AxisSettings, AxisSimulation};
 use crate::bridge::Bridge;
 use crate::cross_talk::CrossTalk;
 use crate::drive::DriveParameters;
@@ -15,77 +15,17 @@ use crate::plant_file::{PlantAxis, PlantFile};
 use crate::probe::SimulatedProbe;
 
 /// Machine file and plant file do not fit each other.
-#[derive(Debug, thiserror::Error)]
-pub enum SetupError {
-    /// Periods or axes do not fit.
-    #[error(transparent)]
-    Axis(#[from] AxisSettingsError),
-    /// The plant has an axis that the machine does not know.
-    #[error("axis {0}: is in the plant file but not in the machine file")]
-    UnknownAxis(String),
-    /// The machine wants a scale that the plant does not have.
-    #[error(
-        "axis {0}: feedback = \"scale\" in the machine file, but the plant file has no [axis.scale]"
-    )]
-    NoScale(String),
-    /// The machine has a spindle, a tool changer or a probe, and the plant has none.
-    #[error("the machine file has {0}, but the plant file has no [{1}]")]
-    Missing(&'static str, &'static str),
-    /// An axis starts where it may not be.
-    #[error(
-        "axis {axis}: start_position_mm = {start} {unit} in the plant file: must be within the travel of the machine file, {low} to {high} {unit}"
-    )]
-    StartOutsideTravel {
-        /// Axis.
-        axis: String,
-        /// Unit of its positions.
-        unit: &'static str,
-        /// Where it starts.
-        start: f64,
-        /// Lowest position.
-        low: f64,
-        /// Highest position.
-        high: f64,
-    },
-    /// The machine homes an axis by what the plant does not have.
-    #[error(
-        "axis {axis}: homing.method = {method:?} in the machine file, but the plant file has no [axis.{table}] for it{why}"
-    )]
-    NoHoming {
-        /// Axis.
-        axis: String,
-        /// How it is homed.
-        method: HomingMethod,
-        /// What is missing.
-        table: &'static str,
-        /// What else is wrong with it.
-        why: String,
-    },
-    /// A second motor drives nothing that its axis moves with.
-    #[error(
-        "axis {0}: is the second motor of a gantry in the machine file, but the plant file has no [axis.bridge] for it"
-    )]
-    NoBridge(String),
-    /// What a bridge joins in the plant is no gantry of the machine.
-    #[error(
-        "axis {0}: [axis.bridge] joins it to another motor, but the machine file has no [axis.gantry] for it"
-    )]
-    NoGantry(String),
-    /// The encoder of an axis is incremental, and the machine file does not know it.
-    #[error(
-        "axis {0}: [axis.encoder] makes the encoder incremental, but the machine file has no [axis.homing] for the axis"
-    )]
-    NeverHomed(String),
-    /// The machine counts on an encoder of the spindle that the plant does not have.
-    #[error(
-        "[spindle] encoder_counts_per_turn is {of_machine} in the machine file, but {of_plant} in the plant file"
-    )]
-    SpindleEncoder {
-        /// Counts in the machine file.
-        of_machine: u32,
-        /// Counts in the plant file.
-        of_plant: u32,
-    },
+pub use crate::axis::SetupError;
+
+fn wrong_axis<T>(axis: &str, what: &str) -> Result<T, SetupError> {
+    Err(SetupError(format!("axis {axis}: {what}")))
+}
+
+/// A table that the machine file makes necessary.
+fn missing<T>(what: &str, table: &str) -> Result<T, SetupError> {
+    Err(SetupError(format!(
+        "the machine file has {what}, but the plant file has no [{table}]"
+    )))
 }
 
 /// A screw is no nearer to its nominal lead than this.
@@ -114,23 +54,25 @@ impl PlantFile {
         let auxiliary = SimulatedAuxiliaries::new(self.spindle, self.tool_changer, scan_s);
         let auxiliary = auxiliary.with_tool(machine.beginning.tool);
         if machine.spindle.is_some() && self.spindle.is_none() {
-            return Err(SetupError::Missing("[spindle]", "spindle"));
+            return missing("[spindle]", "spindle");
         }
-        if let (Some(of_machine), Some(of_plant)) = (&machine.spindle, &self.spindle)
-            && of_machine.encoder_counts_per_turn != 0
-            && of_machine.encoder_counts_per_turn != of_plant.encoder_counts_per_turn
+        let counts = machine
+            .spindle
+            .as_ref()
+            .map_or(0, |of| of.encoder_counts_per_turn);
+        if let Some(spindle) = self.spindle.filter(|_| counts != 0)
+            && counts != spindle.encoder_counts_per_turn
         {
-            return Err(SetupError::SpindleEncoder {
-                of_machine: of_machine.encoder_counts_per_turn,
-                of_plant: of_plant.encoder_counts_per_turn,
-            });
+            return Err(SetupError(format!(
+                "[spindle] encoder_counts_per_turn is {counts} in the machine file, but {} in the plant file",
+                spindle.encoder_counts_per_turn
+            )));
         }
         if machine.tool_change.by == ToolChanger::Changer && self.tool_changer.is_none() {
-            let changer = "tool_change.by = \"changer\"";
-            return Err(SetupError::Missing(changer, "tool_changer"));
+            return missing("tool_change.by = \"changer\"", "tool_changer");
         }
         if machine.program.probe && self.probe.is_none() {
-            return Err(SetupError::Missing("program.probe = true", "probe"));
+            return missing("program.probe = true", "probe");
         }
         let slide = |letter: &str| machine.axes.iter().position(|axis| axis.name == letter);
         let slides = ["X", "Y", "Z"].map(slide);
@@ -156,26 +98,26 @@ impl PlantFile {
             };
             let Some(homing) = &axis.homing else {
                 if plant.encoder.is_some() {
-                    return Err(SetupError::NeverHomed(axis.name.clone()));
+                    let what = "[axis.encoder] makes the encoder incremental, but the machine file has no [axis.homing] for the axis";
+                    return wrong_axis(&axis.name, what);
                 }
                 continue;
             };
-            let missing = |table, why: &str| SetupError::NoHoming {
-                axis: axis.name.clone(),
-                method: homing.method,
-                table,
-                why: why.into(),
-            };
-            if plant.encoder.is_none() {
-                return Err(missing("encoder", ""));
-            }
-            if homing.method == HomingMethod::Drive && plant.drive_homing.is_none() {
-                return Err(missing("drive_homing", ""));
-            }
             let wired = plant.home_switch.map(|switch| switch.digital);
-            if homing.method.has_switch() && wired != homing.switch_input {
-                return Err(missing("home_switch", " at the same digital input"));
-            }
+            let table = if plant.encoder.is_none() {
+                "[axis.encoder] for it"
+            } else if homing.method == HomingMethod::Drive && plant.drive_homing.is_none() {
+                "[axis.drive_homing] for it"
+            } else if homing.method.has_switch() && wired != homing.switch_input {
+                "[axis.home_switch] for it at the same digital input"
+            } else {
+                continue;
+            };
+            let method = homing.method;
+            let what = format!(
+                "homing.method = {method:?} in the machine file, but the plant file has no {table}"
+            );
+            return wrong_axis(&axis.name, &what);
         }
         Ok(())
     }
@@ -189,8 +131,14 @@ impl PlantFile {
             let of_plant = plant.and_then(|plant| Some((plant, plant.bridge?)));
             match (pair, of_plant) {
                 (None, None) => {}
-                (None, Some(_)) => return Err(SetupError::NoGantry(axis.name.clone())),
-                (Some(_), None) => return Err(SetupError::NoBridge(axis.name.clone())),
+                (None, Some(_)) => {
+                    let what = "[axis.bridge] joins it to another motor, but the machine file has no [axis.gantry] for it";
+                    return wrong_axis(&axis.name, what);
+                }
+                (Some(_), None) => {
+                    let what = "is the second motor of a gantry in the machine file, but the plant file has no [axis.bridge] for it";
+                    return wrong_axis(&axis.name, what);
+                }
                 (Some(pair), Some((second, bridge))) => {
                     let first = self.bridged(second);
                     let mass_kg = first.map_or(second.table.mass_kg, |axis| axis.table.mass_kg);
@@ -238,13 +186,11 @@ impl PlantFile {
             let (low, high) = (axis.travel_min_mm, axis.travel_max_mm);
             let start = self.axis(&axis.name).map(|of| of.start_position_mm);
             if let Some(start) = start.filter(|start| !(low..=high).contains(start)) {
-                return Err(SetupError::StartOutsideTravel {
-                    axis: axis.name.clone(),
-                    unit: axis.kind.unit(),
-                    start,
-                    low,
-                    high,
-                });
+                let unit = axis.kind.unit();
+                let what = format!(
+                    "start_position_mm = {start} {unit} in the plant file: must be within the travel of the machine file, {low} to {high} {unit}"
+                );
+                return wrong_axis(&axis.name, &what);
             }
         }
         Ok(())
@@ -298,7 +244,8 @@ impl PlantFile {
     pub fn simulations(&self, machine: &Machine) -> Result<Vec<AxisSimulation>, SetupError> {
         for axis in &self.axes {
             if !machine.axes.iter().any(|known| known.name == axis.name) {
-                return Err(SetupError::UnknownAxis(axis.name.clone()));
+                let what = "is in the plant file but not in the machine file";
+                return wrong_axis(&axis.name, what);
             }
         }
         self.bridges(machine)?;
@@ -313,9 +260,10 @@ impl PlantFile {
                     machine.scan.period_us,
                 )?;
                 let has_scale = self.axis(&axis.name).is_some_and(|a| a.scale.is_some());
-                if axis.feedback == PositionFeedback::Scale && !has_scale {
-                    return Err(SetupError::NoScale(axis.name.clone()));
-                }
+    if axis.feedback == PositionFeedback::Scale && !has_scale {
+     let what = "feedback = \"scale\" in the machine file, but the plant file has no [axis.scale]";
+     return wrong_axis(&axis.name, what);
+    }
                 Ok(AxisSimulation::new(settings))
             })
             .collect()

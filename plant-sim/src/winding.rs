@@ -11,8 +11,6 @@ pub struct WindingParameters {
     pub rise_at_rated_k: f64,
     /// Thermal time constant, in s.
     pub time_constant_s: f64,
-    /// Ambient temperature, in °C.
-    pub ambient_c: f64,
 }
 
 /// The constants of [`WindingSettings::update`] for one period.
@@ -21,7 +19,6 @@ pub struct WindingSettings {
     rise_k_per_nm2: f64,
     decay: f64,
     period_s: f64,
-    ambient_c: f64,
 }
 
 /// Heat of one winding.
@@ -42,7 +39,6 @@ impl WindingSettings {
             rise_k_per_nm2: parameters.rise_at_rated_k / (rated_nm * rated_nm),
             decay: libm::exp(-period_s / parameters.time_constant_s),
             period_s,
-            ambient_c: parameters.ambient_c,
         }
     }
 
@@ -53,11 +49,6 @@ impl WindingSettings {
         let end_k = self.rise_k_per_nm2 * torque_square_nm2;
         state.rise_k = end_k + (state.rise_k - end_k) * self.decay;
         state.torque_square_nm2_s += torque_square_nm2 * self.period_s;
-    }
-
-    /// Temperature of the winding, in °C.
-    pub fn temperature_c(&self, state: &WindingState) -> f64 {
-        self.ambient_c + state.rise_k
     }
 }
 
@@ -71,18 +62,17 @@ mod tests {
             rated_torque_nm: 8.0,
             rise_at_rated_k: 100.0,
             time_constant_s: 2400.0,
-            ambient_c: 25.0,
         };
         let settings = WindingSettings::new(&parameters, 1e-3);
         let mut state = WindingState::default();
         for _ in 0..2_400_000 {
             settings.update(&mut state, 36.0);
         }
-        let expected_c = 25.0 + 56.25 * (1.0 - libm::exp(-1.0));
-        let c = settings.temperature_c(&state);
+        let expected_k = 56.25 * (1.0 - libm::exp(-1.0));
+        let rise_k = state.rise_k;
         assert!(
-            (c - expected_c).abs() < 1e-6,
-            "{c} °C, theory {expected_c} °C"
+            (rise_k - expected_k).abs() < 1e-6,
+            "{rise_k} K, theory {expected_k} K"
         );
         let rms_nm = (state.torque_square_nm2_s / 2400.0).sqrt();
         assert!((rms_nm - 6.0).abs() < 1e-9, "{rms_nm} N·m");

@@ -6,7 +6,8 @@ use machine::{AxisKind, DEAD_TIME_SCANS_MAX};
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use crate::friction::ELEMENTS;
+use crate::cutting::PlantCutting;
+use crate::friction::{ELEMENTS, PlantLaw};
 use crate::lost_motion::JENKINS_ELEMENTS;
 use crate::sliding_curve::SIDE_ROWS_MAX;
 
@@ -262,9 +263,6 @@ pub struct PlantAxis {
     pub cutting: Option<PlantCutting>,
     /// What the drive measures wrongly. Without this table nothing.
     pub measurement: Option<PlantMeasurement>,
-    /// Set after reading, in °C.
-    #[serde(skip)]
-    pub(in crate::plant_file) ambient_c: f64,
 }
 
 /// An axis by a few numbers. Half of its friction is at the motor, half at the table; what is not here is as on the machines that come
@@ -476,27 +474,6 @@ pub struct PlantCrossTalk {
     pub friction_share_per_m: f64,
 }
 
-/// The force of the cut on the table.
-#[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct PlantCutting {
-    /// Mean force while the tool is in the material, positive in positive direction.
-    #[schemars(extend("unit" = "N", "minimum" = -100_000, "maximum" = 100_000))]
-    pub force_n: f64,
-    /// Amplitude of the force of the teeth beside it.
-    #[schemars(extend("unit" = "N", "minimum" = 0, "maximum" = 100_000, "default" = 0.0))]
-    pub tooth_n: f64,
-    /// Teeth that pass in a second.
-    #[schemars(extend("unit" = "Hz", "minimum" = 0.1, "maximum" = 10_000, "default" = 133.0))]
-    pub tooth_hz: f64,
-    /// Time in the material.
-    #[schemars(extend("unit" = "s", "minimum" = 0.001, "maximum" = 10_000, "default" = 1.0))]
-    pub on_s: f64,
-    /// Time out of it; with 0 the tool never leaves it.
-    #[schemars(extend("unit" = "s", "minimum" = 0, "maximum" = 10_000, "default" = 0.0))]
-    pub off_s: f64,
-}
-
 /// What the drive measures wrongly, and passes on.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -528,16 +505,6 @@ pub struct PlantMeasurement {
     /// When it slips, from the first scan on.
     #[schemars(extend("unit" = "s", "minimum" = 0, "maximum" = 1_000_000, "default" = 0.0))]
     pub slip_at_s: f64,
-}
-
-/// By which law a contact rubs.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema)]
-#[serde(rename_all = "kebab-case")]
-pub enum PlantLaw {
-    /// Generalised Maxwell slip.
-    MaxwellSlip,
-    /// LuGre: one spring, as stiff as Coulomb friction over the mean of the break distances.
-    Lugre,
 }
 
 /// Motor with encoder and current loop.

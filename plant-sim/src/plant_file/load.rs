@@ -27,12 +27,7 @@ impl PlantFile {
     /// # Errors
     /// As [`PlantFile::load`].
     pub fn parse(name: &str, text: &str) -> Result<PlantFile, SettingsFileError> {
-        let mut plant: PlantFile =
-            settings_file::load_with(name, text, &[], simple::complete, rules::judge)?;
-        for axis in &mut plant.axes {
-            axis.ambient_c = plant.ambient_c;
-        }
-        Ok(plant)
+        settings_file::load_with(name, text, &[], simple::complete, rules::judge)
     }
 }
 

@@ -2,15 +2,13 @@
 
 use machine::SECOND_MOTOR;
 
-use crate::attached_mass::AttachedMass;
-use crate::cutting::Cutting;
-use crate::frame::Frame;
-use crate::friction::{FrictionLaw, FrictionParameters};
+use crate::friction::FrictionParameters;
 use crate::lost_motion::LostMotion;
 use crate::measurement::Measurement;
 use crate::mechanics::{Beyond, MechanicsParameters};
-use crate::plant_file::keys::{MotorFriction, PlantAxis, PlantFile, PlantLaw, TableFriction};
+use crate::plant_file::keys::{MotorFriction, PlantAxis, PlantFile, TableFriction};
 use crate::sliding_curve::SlidingCurve;
+use crate::swinging::Swinging;
 use crate::variation::Variation;
 use crate::winding::WindingParameters;
 
@@ -114,18 +112,12 @@ impl PlantAxis {
                 microstep_s,
             ),
             attached: self.attached_mass.map(|of| {
-                AttachedMass::new(of.mass_kg, of.frequency_hz, of.damping_ratio, microstep_s)
+                Swinging::new(of.mass_kg, of.frequency_hz, of.damping_ratio, microstep_s)
             }),
-            cutting: self.cutting.map(|of| Cutting {
-                force_n: of.force_n,
-                tooth_n: of.tooth_n,
-                tooth_hz: of.tooth_hz,
-                on_s: of.on_s,
-                off_s: of.off_s,
+            cutting: self.cutting,
+            frame: self.frame.map(|of| {
+                Swinging::new(of.mass_kg, of.frequency_hz, of.damping_ratio, microstep_s)
             }),
-            frame: self
-                .frame
-                .map(|of| Frame::new(of.mass_kg, of.frequency_hz, of.damping_ratio, microstep_s)),
         })
     }
 
@@ -153,22 +145,14 @@ impl PlantAxis {
             rated_torque_nm: self.motor.rated_torque_nm,
             rise_at_rated_k: self.motor.winding_rise_at_rated_k,
             time_constant_s: self.motor.winding_time_constant_min * 60.0,
-            ambient_c: self.ambient_c,
         }
-    }
-}
-
-fn law(of: PlantLaw) -> FrictionLaw {
-    match of {
-        PlantLaw::MaxwellSlip => FrictionLaw::MaxwellSlip,
-        PlantLaw::Lugre => FrictionLaw::LuGre,
     }
 }
 
 /// Bearings, nut and seals, as forces of travel.
 fn motor_friction(of: &MotorFriction, radius_m: f64) -> FrictionParameters {
     FrictionParameters {
-        law: law(of.law),
+        law: of.law,
         coulomb_n: of.coulomb_torque_nm / radius_m,
         static_n: of.static_torque_nm / radius_m,
         viscous_n_s_per_m: of.viscous_nm_s_per_rad / (radius_m * radius_m),
@@ -184,7 +168,7 @@ fn motor_friction(of: &MotorFriction, radius_m: f64) -> FrictionParameters {
 /// Guideways.
 fn table_friction(of: &TableFriction) -> FrictionParameters {
     FrictionParameters {
-        law: law(of.law),
+        law: of.law,
         coulomb_n: of.coulomb_n,
         static_n: of.static_n,
         viscous_n_s_per_m: of.viscous_n_s_per_m,

@@ -41,31 +41,23 @@ pub fn judge(rules: &mut Rules<'_>, plant: &PlantFile) {
         }
         motor(rules, at, axis);
         let friction = &axis.table.friction;
-        let path = ["table", "friction", "static_n"];
-        rules.at_least(
-            &path,
-            at,
-            friction.static_n,
-            "N",
-            "coulomb_n",
-            friction.coulomb_n,
-        );
+        let (path, coulomb_n) = (["table", "friction", "static_n"], friction.coulomb_n);
+        rules.at_least(&path, at, friction.static_n, "N", "coulomb_n", coulomb_n);
         shares(rules, at, "motor", &axis.motor.friction.element_share);
         shares(rules, at, "table", &friction.element_share);
         if let Some(measured) = &axis.measured_friction {
             measured_friction(rules, at, measured);
         }
         cross_talk(rules, at, plant, axis);
-        if axis
-            .drive_homing
-            .is_some_and(|drive| drive.speed_mm_s == 0.0)
-        {
-            let path = ["drive_homing", "speed_mm_s"];
-            rules.say(&path, at, "= 0 mm/s: must not be 0");
-        }
-        if axis.drive_homing.is_some() && axis.encoder.is_none() {
-            let what = "needs [axis.encoder]: an absolute encoder has nothing to home";
-            rules.say(&["drive_homing"], at, what);
+        if let Some(drive) = axis.drive_homing {
+            if drive.speed_mm_s == 0.0 {
+                let path = ["drive_homing", "speed_mm_s"];
+                rules.say(&path, at, "= 0 mm/s: must not be 0");
+            }
+            if axis.encoder.is_none() {
+                let what = "needs [axis.encoder]: an absolute encoder has nothing to home";
+                rules.say(&["drive_homing"], at, what);
+            }
         }
     }
     if let Some(probe) = &plant.probe {
@@ -76,15 +68,10 @@ pub fn judge(rules: &mut Rules<'_>, plant: &PlantFile) {
     }
     // Only what is right by itself can be judged against the microstep.
     if rules.all_kept() {
-        for (index, axis) in plant.axes.iter().enumerate() {
-            microstep(
-                rules,
-                plant,
-                Some((index, axis.name.as_str())),
-                axis,
-                step_us,
-            );
-        }
+        plant
+            .axes
+            .iter()
+            .for_each(|axis| microstep(rules, plant, axis));
     }
 }
 
@@ -316,13 +303,8 @@ fn swinging(plant: &PlantFile, axis: &PlantAxis, step_s: f64) -> Vec<Swinging> {
 }
 
 /// Whether the microstep resolves the stiffest vibration and the fastest decay of each mass.
-fn microstep(
-    rules: &mut Rules<'_>,
-    plant: &PlantFile,
-    at: At<'_>,
-    axis: &PlantAxis,
-    microstep_us: f64,
-) {
+fn microstep(rules: &mut Rules<'_>, plant: &PlantFile, axis: &PlantAxis) {
+    let microstep_us = plant.microstep_us;
     let step_s = microstep_us * 1e-6;
     for mass in swinging(plant, axis, step_s) {
         if mass.is_resolved(step_s) {
@@ -331,21 +313,11 @@ fn microstep(
         let (phase_rad, decay) = mass.in_a_step(step_s);
         let fits_us = microstep_us
             * (PHASE_PER_MICROSTEP_RAD_MAX / phase_rad).min(DECAY_PER_MICROSTEP_MAX / decay);
-        let Swinging {
-            name,
-            mass_kg,
-            spring_n_per_m,
-            damper_n_s_per_m,
-        } = mass;
-        let whose = at.map_or("", |(_, name)| name);
-        rules.say(
-            &["microstep_us"],
-            None,
-            &format!(
-                "= {microstep_us} µs: too long for the {name} of axis {whose} \
-                 ({spring_n_per_m:.3e} N/m and {damper_n_s_per_m:.3e} N·s/m on {mass_kg:.4} kg): \
-                 must be at most {fits_us:.3} µs"
-            ),
+        let what = format!(
+            "= {microstep_us} µs: too long for the {} of axis {} \
+    ({:.3e} N/m and {:.3e} N·s/m on {:.4} kg): must be at most {fits_us:.3} µs",
+            mass.name, axis.name, mass.spring_n_per_m, mass.damper_n_s_per_m, mass.mass_kg
         );
+        rules.say(&["microstep_us"], None, &what);
     }
 }

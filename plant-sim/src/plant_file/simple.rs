@@ -50,47 +50,29 @@ fn full(simple: &Table) -> Option<Table> {
     let at_table_n = |force_n: f64| (1.0 - MOTOR_SHARE) * force_n;
     let peak_nm = or("peak_torque_nm", PEAK_RATIO * rated_nm);
     let mut full = typical();
-    let values = [
-        ("motor", "rated_torque_nm", rated_nm),
-        ("motor", "peak_torque_nm", peak_nm),
-        ("motor", "inertia_kg_m2", given("rotor_inertia_kg_m2")?),
-        ("screw", "lead_mm", lead_mm),
-        (
-            "screw",
-            "stiffness_n_per_m",
-            or("stiffness_n_per_um", 120.0) * 1e6,
-        ),
-        ("screw", "gap_um", or("gap_um", 0.0)),
-        ("table", "mass_kg", given("mass_kg")?),
-    ];
-    for (table, key, value) in values {
-        set(&mut full, &[table], key, value);
-    }
-    let contact = ["motor", "friction"];
-    set(
-        &mut full,
-        &contact,
-        "coulomb_torque_nm",
-        at_motor_nm(coulomb_n),
-    );
-    set(
-        &mut full,
-        &contact,
-        "static_torque_nm",
-        at_motor_nm(static_n),
-    );
+    let stiffness_n_per_m = or("stiffness_n_per_um", 120.0) * 1e6;
     let viscous_nm_s = at_motor_nm(viscous_n_s_per_m) * radius_m;
-    set(&mut full, &contact, "viscous_nm_s_per_rad", viscous_nm_s);
+    for (path, value) in [
+        ("motor.rated_torque_nm", rated_nm),
+        ("motor.peak_torque_nm", peak_nm),
+        ("motor.inertia_kg_m2", given("rotor_inertia_kg_m2")?),
+        ("motor.friction.coulomb_torque_nm", at_motor_nm(coulomb_n)),
+        ("motor.friction.static_torque_nm", at_motor_nm(static_n)),
+        ("motor.friction.viscous_nm_s_per_rad", viscous_nm_s),
+        ("screw.lead_mm", lead_mm),
+        ("screw.stiffness_n_per_m", stiffness_n_per_m),
+        ("screw.gap_um", or("gap_um", 0.0)),
+        ("table.mass_kg", given("mass_kg")?),
+        ("table.friction.coulomb_n", at_table_n(coulomb_n)),
+        ("table.friction.static_n", at_table_n(static_n)),
+        (
+            "table.friction.viscous_n_s_per_m",
+            at_table_n(viscous_n_s_per_m),
+        ),
+    ] {
+        set(&mut full, path, value);
+    }
     at_motor_angles(&mut full, lead_mm);
-    let contact = ["table", "friction"];
-    set(&mut full, &contact, "coulomb_n", at_table_n(coulomb_n));
-    set(&mut full, &contact, "static_n", at_table_n(static_n));
-    set(
-        &mut full,
-        &contact,
-        "viscous_n_s_per_m",
-        at_table_n(viscous_n_s_per_m),
-    );
     Some(full)
 }
 
@@ -126,35 +108,33 @@ fn typical() -> Table {
 
 /// Friction of the motor lets go after angles of it, which are other ways of the axis with another lead.
 fn at_motor_angles(full: &mut Table, lead_mm: f64) {
-    let Some(Value::Table(motor)) = full.get_mut("motor") else {
-        return;
-    };
-    let Some(Value::Table(friction)) = motor.get_mut("friction") else {
-        return;
-    };
     let times = lead_mm / TYPICAL_LEAD_MM;
-    for value in friction
-        .iter_mut()
-        .filter(|(key, _)| OF_MOTOR_ANGLES.contains(&key.as_str()))
-    {
-        match value.1 {
-            Value::Float(one) => *one *= times,
-            Value::Array(list) => list.iter_mut().for_each(|value| {
-                if let Value::Float(one) = value {
-                    *one *= times;
-                }
-            }),
-            _ => {}
+    let friction = full
+        .get_mut("motor")
+        .and_then(|motor| motor.get_mut("friction"));
+    let Some(friction) = friction.and_then(Value::as_table_mut) else {
+        return;
+    };
+    for key in OF_MOTOR_ANGLES {
+        match friction.get_mut(key) {
+            Some(Value::Array(list)) => list.iter_mut().for_each(|one| multiply(one, times)),
+            Some(one) => multiply(one, times),
+            None => {}
         }
     }
 }
 
-/// Sets a key of the table of this path, which is there.
-fn set(full: &mut Table, path: &[&str], key: &str, value: f64) {
-    let mut table = Some(full);
-    for name in path {
-        table = table.and_then(|table| table.get_mut(*name)?.as_table_mut());
+fn multiply(value: &mut Value, times: f64) {
+    if let Value::Float(one) = value {
+        *one *= times;
     }
+}
+
+/// Sets the key at the end of this path, whose tables are there.
+fn set(full: &mut Table, path: &str, value: f64) {
+    let (tables, key) = path.rsplit_once('.').unwrap_or(("", path));
+    let mut names = tables.split('.');
+    let table = names.try_fold(full, |table, name| table.get_mut(name)?.as_table_mut());
     if let Some(table) = table {
         table.insert(key.into(), Value::Float(value));
     }
