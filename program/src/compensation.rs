@@ -71,14 +71,18 @@ pub enum Way {
     /// Straight, at feed.
     Line,
     /// Round a centre in the plane.
-    Arc {
-        /// The centre, machine coordinates.
-        centre: Flat,
-        /// G2 rather than G3.
-        clockwise: bool,
-        /// Turns, the last included, at least 1.
-        turns: u32,
-    },
+    Arc(Bow),
+}
+
+/// An arc in the plane.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Bow {
+    /// The centre, machine coordinates.
+    pub centre: Flat,
+    /// G2 rather than G3.
+    pub clockwise: bool,
+    /// Turns, the last included, at least 1.
+    pub turns: u32,
 }
 
 /// A move: of the program into the compensation, of the tool's centre out of it.
@@ -172,6 +176,27 @@ pub struct Compensation<T, E> {
     waiting: Vec<Step<T, E>>,
 }
 
+impl Bow {
+    fn sweep_rad(&self, from: Flat, to: Flat) -> f64 {
+        sweep_rad(from, to, self.centre, self.clockwise, self.turns)
+    }
+}
+
+impl Last {
+    /// A move that begins and goes on so, with nothing turned, swept or cut off by a corner so far.
+    fn of(start: Flat, way: Way, tangent: Flat) -> Self {
+        Last {
+            start,
+            way,
+            tangent,
+            along: None,
+            sweep_rad: 0.0,
+            turned_rad: 0.0,
+            behind_corner: false,
+        }
+    }
+}
+
 impl<T: Clone, E> Compensation<T, E> {
     /// A compensation that begins with the tool at `at`.
     pub fn start(start: Start, at: AxisVector) -> Self {
@@ -218,8 +243,8 @@ impl<T: Clone, E> Compensation<T, E> {
                 self.move_across(next)?;
             }
             (Way::Rapid | Way::Line, Some(last)) => self.line(next, last, from, to, out)?,
-            (Way::Arc { .. }, None) => self.arc_in(next, to, out)?,
-            (Way::Arc { .. }, Some(last)) => self.arc(next, last, from, to, out)?,
+            (Way::Arc(bow), None) => self.arc_in(next, bow, to, out)?,
+            (Way::Arc(bow), Some(last)) => self.arc(next, bow, last, [from, to], out)?,
         }
         self.programmed = programmed;
         Ok(())
@@ -273,8 +298,8 @@ impl<T: Clone, E> Compensation<T, E> {
     fn with_tip(&self, mut step: Move<T>) -> Move<T> {
         let end = Flat::of(&step.to, self.plane) + self.tip;
         step.to = end.put_into(step.to, self.plane);
-        if let Way::Arc { centre, .. } = &mut step.way {
-            *centre = *centre + self.tip;
+        if let Way::Arc(bow) = &mut step.way {
+            bow.centre = bow.centre + self.tip;
         }
         step
     }
@@ -302,43 +327,33 @@ impl<T: Clone, E> Compensation<T, E> {
             let right = "a smaller tool, or a contour whose inside corners and curves are wider than the tool";
             wrong(found, right)
         };
-        match last.way {
-            Way::Arc {
-                centre,
-                clockwise,
-                turns,
-            } => {
-                let sweep_rad = sweep_rad(last.start, end, centre, clockwise, turns);
-                let more_rad = sweep_rad - last.sweep_rad;
-                let allowed_rad = if strict {
-                    SWEEP_ROUNDING_RAD
-                } else {
-                    std::f64::consts::PI
-                };
-                if more_rad > allowed_rad {
-                    return does_not_fit();
-                }
+        let fits = match last.way {
+            Way::Arc(bow) => {
+                let more_rad = bow.sweep_rad(last.start, end) - last.sweep_rad;
+                let half_turn_rad = std::f64::consts::PI;
+                more_rad
+                    <= if strict {
+                        SWEEP_ROUNDING_RAD
+                    } else {
+                        half_turn_rad
+                    }
             }
             Way::Line | Way::Rapid => {
                 let back_mm = self.back_mm(last, end);
                 let lost_mm = back_mm * last.turned_rad / 2.0;
-                let allowed = if strict || last.behind_corner {
-                    back_mm <= ROUNDING_MM
-                } else {
-                    lost_mm <= TANGENT_LOSS * self.radius_mm
-                };
-                if !allowed {
-                    return does_not_fit();
+                match strict || last.behind_corner {
+                    true => back_mm <= ROUNDING_MM,
+                    false => lost_mm <= TANGENT_LOSS * self.radius_mm,
                 }
             }
-        }
-        Ok(())
+        };
+        if fits { Ok(()) } else { does_not_fit() }
     }
 
     /// Refuses numbers whose products would overflow.
     fn check_range(&self, next: &Move<T>) -> Result<(), Refusal> {
         let centre = match next.way {
-            Way::Arc { centre, .. } => centre,
+            Way::Arc(bow) => bow.centre,
             _ => Flat::default(),
         };
         let numbers = next.to.iter().copied();

@@ -244,10 +244,9 @@ pub struct CycleBlock {
 impl CycleBlock {
     /// How many steps a block has at most.
     pub fn steps_max(&self) -> f64 {
-        let pecks = if self.series.cycle.pecks() {
-            (self.pecks() + 1.0).max(1.0)
-        } else {
-            1.0
+        let pecks = match self.series.cycle.pecks() {
+            true => (self.pecks() + 1.0).max(1.0),
+            false => 1.0,
         };
         1.0 + f64::from(self.repeats) * (14.0 + 3.0 * pecks)
     }
@@ -300,9 +299,8 @@ impl CycleBlock {
         let bottom = self.at_level(over, self.levels.bottom_mm);
         let clear = self.at_level(over, self.clear_mm());
         let at_r = self.at_level(over, self.levels.r_mm);
-        let dwell = Some(self.series.dwell_s)
-            .filter(|&seconds| seconds > 0.0)
-            .map(Step::Dwell);
+        let dwell_s = self.series.dwell_s;
+        let dwell = (dwell_s > 0.0).then_some(Step::Dwell(dwell_s));
         let restart = self.turning.map(Step::SpindleStart);
         match self.series.cycle {
             Cycle::Drill => steps.extend([Step::Feed(bottom), Step::Rapid(clear)]),
@@ -310,10 +308,13 @@ impl CycleBlock {
                 self.peck_steps(over, steps);
                 steps.extend([Step::Feed(bottom), Step::Rapid(clear)]);
             }
-            Cycle::DrillAndDwell => {
+            Cycle::DrillAndDwell | Cycle::BoreAndDwell => {
                 steps.push(Step::Feed(bottom));
                 steps.extend(dwell);
-                steps.push(Step::Rapid(clear));
+                steps.push(match self.series.cycle {
+                    Cycle::BoreAndDwell => Step::Feed(clear),
+                    _ => Step::Rapid(clear),
+                });
             }
             Cycle::TapLeft | Cycle::TapRight => {
                 steps.extend([Step::Tap(bottom), Step::SpindleStop]);
@@ -325,23 +326,15 @@ impl CycleBlock {
             Cycle::Bore => {
                 steps.extend([Step::Feed(bottom), Step::Feed(at_r), Step::Rapid(clear)]);
             }
-            Cycle::BoreAndStop => {
+            Cycle::BoreAndStop | Cycle::BoreByHand => {
+                let by_hand = self.series.cycle == Cycle::BoreByHand;
                 steps.push(Step::Feed(bottom));
                 steps.extend(dwell);
-                steps.extend([Step::SpindleStop, Step::Rapid(clear)]);
-                steps.extend(restart);
-            }
-            Cycle::BoreByHand => {
+                steps.push(Step::SpindleStop);
                 // The operator draws the tool back while the program waits; what is left of the way, the program does.
-                steps.push(Step::Feed(bottom));
-                steps.extend(dwell);
-                steps.extend([Step::SpindleStop, Step::ProgramStop, Step::Rapid(clear)]);
+                steps.extend(by_hand.then_some(Step::ProgramStop));
+                steps.push(Step::Rapid(clear));
                 steps.extend(restart);
-            }
-            Cycle::BoreAndDwell => {
-                steps.push(Step::Feed(bottom));
-                steps.extend(dwell);
-                steps.push(Step::Feed(clear));
             }
             Cycle::BackBore => self.back_bore_steps(over, steps),
         }

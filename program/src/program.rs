@@ -248,7 +248,7 @@ impl ProgramEnd {
 }
 
 /// Something accepted that its author should know of.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Note {
     /// The first line that it concerns, counted from 1.
     pub line: u32,

@@ -360,21 +360,10 @@ fn biarc(from: &Passed, to: &Passed) -> Option<[Piece; 2]> {
     let tangent_mm = 2.0 * constant / (root - linear);
     let corner = |passed: &Passed, way: f64| passed.at + passed.along * (way * tangent_mm);
     let [first, second] = [corner(from, 1.0), corner(to, -1.0)];
-    let joint = Flat::new(
-        f64::midpoint(first.u, second.u),
-        f64::midpoint(first.v, second.v),
-    );
-    let along_joint = unit(second - joint);
-    let pair = [
-        arc_from(from, joint)?,
-        arc_from(
-            &Passed {
-                at: joint,
-                along: along_joint,
-            },
-            to.at,
-        )?,
-    ];
+    let midpoint = |of: fn(Flat) -> f64| f64::midpoint(of(first), of(second));
+    let at = Flat::new(midpoint(|of| of.u), midpoint(|of| of.v));
+    let along = unit(second - at);
+    let pair = [arc_from(from, at)?, arc_from(&Passed { at, along }, to.at)?];
     tangent_mm.is_finite().then_some(pair)
 }
 
@@ -404,11 +393,7 @@ fn arc_from(start: &Passed, to: Flat) -> Option<Piece> {
 }
 
 fn combined(before: [f64; 3], here: [f64; 3], how: impl Fn(f64, f64) -> f64) -> [f64; 3] {
-    [
-        how(before[0], here[0]),
-        how(before[1], here[1]),
-        how(before[2], here[2]),
-    ]
+    [0, 1, 2].map(|index| how(before[index], here[index]))
 }
 
 fn unit(of: Flat) -> Flat {

@@ -1,6 +1,4 @@
 //! The bytes of a program, by lines: a text in memory, or a file that is read as it is needed.
-
-use std::fmt::{self, Debug};
 use std::fs::File;
 use std::io;
 use std::os::unix::fs::{FileExt, MetadataExt};
@@ -130,7 +128,7 @@ pub fn text_of(line: &[u8]) -> Result<&str, Refusal> {
 }
 
 /// A file that nobody changes while it is read.
-#[derive(Clone)]
+#[derive(Debug, Clone)]
 pub struct FileText {
     file: Arc<File>,
     /// Its first bytes that are no text.
@@ -144,20 +142,10 @@ pub struct FileText {
 }
 
 /// A part of a file.
-#[derive(Clone)]
+#[derive(Debug, Clone)]
 struct Window {
     begin: u64,
     bytes: Vec<u8>,
-}
-
-impl Debug for FileText {
-    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        formatter
-            .debug_struct("FileText")
-            .field("file", &self.file)
-            .field("length", &self.length)
-            .finish_non_exhaustive()
-    }
 }
 
 impl Window {
@@ -225,17 +213,12 @@ impl FileText {
                 .unwrap_or_default()
                 .rotate_right(1),
             None => {
-                let mut window = match self.windows.len() {
-                    WINDOWS_MAX => self.windows.pop(),
-                    _ => None,
-                }
-                .unwrap_or(Window {
-                    begin: 0,
-                    bytes: Vec::with_capacity(2 * PIECE_BYTES),
-                });
-                window.bytes.clear();
-                window.begin = byte;
-                self.windows.insert(0, window);
+                let full = self.windows.len() == WINDOWS_MAX;
+                let old = self.windows.pop_if(|_| full);
+                let room = || Vec::with_capacity(2 * PIECE_BYTES);
+                let mut bytes = old.map_or_else(room, |window| window.bytes);
+                bytes.clear();
+                self.windows.insert(0, Window { begin: byte, bytes });
             }
         }
         loop {

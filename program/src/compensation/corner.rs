@@ -30,15 +30,7 @@ impl<T: Clone, E> Compensation<T, E> {
         }
         let tangent = (to - start).unit().ok_or_else(too_short)?;
         let end = to + self.beside(tangent) * self.radius_mm;
-        let last = Last {
-            start,
-            way: next.way,
-            tangent,
-            along: None,
-            sweep_rad: 0.0,
-            turned_rad: 0.0,
-            behind_corner: false,
-        };
+        let last = Last::of(start, next.way, tangent);
         self.go_on(next, end, last)
     }
 
@@ -47,17 +39,10 @@ impl<T: Clone, E> Compensation<T, E> {
     pub(super) fn arc_in(
         &mut self,
         mut next: Move<T>,
+        bow: Bow,
         to: Flat,
         out: &mut Vec<Step<T, E>>,
     ) -> Result<(), Refusal> {
-        let Way::Arc {
-            centre,
-            clockwise,
-            turns,
-        } = next.way
-        else {
-            return Ok(());
-        };
         let start = Flat::of(&self.centre, self.plane);
         let right =
             "a lead-in arc reaches farther than the tool radius, and the tool fits inside it";
@@ -69,26 +54,16 @@ impl<T: Clone, E> Compensation<T, E> {
         if (to - start).length() <= self.radius_mm {
             return Err(refuse("too short"));
         }
-        let inward = (centre - to)
-            .unit()
-            .ok_or_else(|| refuse("without a radius"))?;
-        let inside = self.inside(clockwise);
-        if inside && (centre - start).length() <= self.radius_mm {
+        let inward = (bow.centre - to).unit();
+        let inward = inward.ok_or_else(|| refuse("without a radius"))?;
+        if self.inside(bow.clockwise) && (bow.centre - start).length() <= self.radius_mm {
             return Err(refuse("too tight"));
         }
-        let signed_mm = if inside {
-            self.radius_mm
-        } else {
-            -self.radius_mm
-        };
-        let end = to + inward * signed_mm;
-        let centre = tangent_centre(start, end, inward)
-            .ok_or_else(|| refuse("that cannot be tangent there"))?;
-        next.way = Way::Arc {
-            centre,
-            clockwise,
-            turns,
-        };
+        let end = to + inward * self.inward_mm(bow.clockwise);
+        let centre = tangent_centre(start, end, inward);
+        let centre = centre.ok_or_else(|| refuse("that cannot be tangent there"))?;
+        let bow = Bow { centre, ..bow };
+        next.way = Way::Arc(bow);
         if self.tip != Flat::default() {
             // The controlled point of a lathe tool first goes where the nose is as the arc needs it.
             let mut first = next.clone();
@@ -98,13 +73,8 @@ impl<T: Clone, E> Compensation<T, E> {
             out.push(Step::Move(self.with_tip(first)));
         }
         let last = Last {
-            start,
-            way: next.way,
-            tangent: around(-inward, clockwise),
-            along: None,
-            sweep_rad: sweep_rad(start, end, centre, clockwise, turns),
-            turned_rad: 0.0,
-            behind_corner: false,
+            sweep_rad: bow.sweep_rad(start, end),
+            ..Last::of(start, next.way, around(-inward, bow.clockwise))
         };
         self.go_on(next, end, last)
     }
@@ -131,13 +101,7 @@ impl<T: Clone, E> Compensation<T, E> {
         let joint = self.joint(&last, along, None);
         let start = match joint {
             Joint::Tangent => self.join(&last, None, out)?,
-            Joint::Outside => {
-                let corner = Corner {
-                    at: from,
-                    end: from + beside,
-                };
-                self.go_round(&last, corner, &next, true, out)?
-            }
+            Joint::Outside => self.go_round(&last, [from, from + beside], &next, true, out)?,
             Joint::Inside => {
                 let meeting = self.line_meeting(&last, from, along);
                 let meeting = meeting.ok_or_else(|| self.does_not_reach("line"))?;
@@ -145,13 +109,10 @@ impl<T: Clone, E> Compensation<T, E> {
             }
         };
         let last = Last {
-            start,
-            way: next.way,
-            tangent: along,
             along: Some(along),
-            sweep_rad: 0.0,
             turned_rad: self.turned_rad(&last, along),
             behind_corner: joint == Joint::Inside,
+            ..Last::of(start, next.way, along)
         };
         self.go_on(next, to + beside, last)
     }
@@ -160,19 +121,14 @@ impl<T: Clone, E> Compensation<T, E> {
     pub(super) fn arc(
         &mut self,
         next: Move<T>,
+        bow: Bow,
         last: Last,
-        from: Flat,
-        to: Flat,
+        [from, to]: [Flat; 2],
         out: &mut Vec<Step<T, E>>,
     ) -> Result<(), Refusal> {
-        let Way::Arc {
-            centre,
-            clockwise,
-            turns,
-        } = next.way
-        else {
-            return Ok(());
-        };
+        let Bow {
+            centre, clockwise, ..
+        } = bow;
         let right = "a centre away from its ends";
         let no_radius = || Refusal::new(0, "an arc of radius zero", right);
         let [spoke, end_spoke] = [from - centre, to - centre];
@@ -183,20 +139,13 @@ impl<T: Clone, E> Compensation<T, E> {
         if inside {
             self.check_fits_inside(arc_radius_mm)?;
         }
-        let signed_mm = if inside {
-            -self.radius_mm
-        } else {
-            self.radius_mm
-        };
+        let signed_mm = -self.inward_mm(clockwise);
         let tangent = around(outward, clockwise);
         let joint = self.joint(&last, tangent, Some(inside));
         let start = match joint {
             Joint::Tangent => self.join(&last, None, out)?,
             Joint::Outside => {
-                let corner = Corner {
-                    at: from,
-                    end: from + outward * signed_mm,
-                };
+                let corner = [from, from + outward * signed_mm];
                 self.go_round(&last, corner, &next, false, out)?
             }
             Joint::Inside => {
@@ -212,18 +161,23 @@ impl<T: Clone, E> Compensation<T, E> {
             }
         };
         let last = Last {
-            start,
-            way: next.way,
-            tangent: around(end_outward, clockwise),
-            along: None,
-            sweep_rad: sweep_rad(from, to, centre, clockwise, turns),
+            sweep_rad: bow.sweep_rad(from, to),
             turned_rad: self.turned_rad(&last, tangent),
             behind_corner: joint == Joint::Inside,
+            ..Last::of(start, next.way, around(end_outward, clockwise))
         };
         self.go_on(next, to + end_outward * signed_mm, last)
     }
 
     /// Refuses an arc that the tool does not fit inside.
+    /// From a contour that turns so to the centre of the tool, towards the centre of the turn.
+    fn inward_mm(&self, clockwise: bool) -> f64 {
+        match self.inside(clockwise) {
+            true => self.radius_mm,
+            false => -self.radius_mm,
+        }
+    }
+
     fn check_fits_inside(&self, arc_radius_mm: f64) -> Result<(), Refusal> {
         if arc_radius_mm > self.radius_mm {
             return Ok(());
@@ -255,7 +209,7 @@ impl<T: Clone, E> Compensation<T, E> {
             // Straight back: round the end, but for arcs whose outside bars that way.
             let bars = match (arc_inside, last.way) {
                 (Some(inside), _) => !inside,
-                (None, Way::Arc { clockwise, .. }) => !self.inside(clockwise),
+                (None, Way::Arc(bow)) => !self.inside(bow.clockwise),
                 (None, _) => false,
             };
             return if bars { Joint::Inside } else { Joint::Outside };
@@ -280,11 +234,8 @@ impl<T: Clone, E> Compensation<T, E> {
     fn turned_rad(&self, last: &Last, tangent: Flat) -> f64 {
         let ends = Flat::of(&self.centre, self.plane);
         // A line that runs back has not gone forward: its turn counts on, and tells how much of the contour is lost.
-        let before_rad = if self.back_mm(last, ends) > ROUNDING_MM {
-            last.turned_rad
-        } else {
-            0.0
-        };
+        let goes_back = self.back_mm(last, ends) > ROUNDING_MM;
+        let before_rad = if goes_back { last.turned_rad } else { 0.0 };
         before_rad + self.turn_rad(last, tangent).max(0.0)
     }
 
@@ -305,7 +256,7 @@ impl<T: Clone, E> Compensation<T, E> {
     fn go_round(
         &mut self,
         last: &Last,
-        corner: Corner,
+        [centre, end]: [Flat; 2],
         next: &Move<T>,
         strict: bool,
         out: &mut Vec<Step<T, E>>,
@@ -314,18 +265,18 @@ impl<T: Clone, E> Compensation<T, E> {
         self.settle(last, Flat::of(&self.centre, self.plane), strict)?;
         self.release(None, out);
         let mut round = next.clone();
-        round.to = corner.end.put_into(next.to, self.plane);
+        round.to = end.put_into(next.to, self.plane);
         self.keep_across(&mut round.to);
         round.way = match next.way {
             Way::Rapid => Way::Rapid,
-            _ => Way::Arc {
-                centre: corner.at,
+            _ => Way::Arc(Bow {
+                centre,
                 clockwise: self.side == Side::Left,
                 turns: 1,
-            },
+            }),
         };
         out.push(Step::Move(self.with_tip(round)));
-        Ok(corner.end)
+        Ok(end)
     }
 
     /// Keeps the axis across the plane where it is.
@@ -346,18 +297,14 @@ impl<T: Clone, E> Compensation<T, E> {
                 let back_mm = self.radius_mm * libm::tan(half_rad);
                 Some(Flat::of(&self.centre, self.plane) - last.tangent * back_mm)
             }
-            Way::Arc {
+            Way::Arc(Bow {
                 centre, clockwise, ..
-            } => {
+            }) => {
                 let radius_mm = (Flat::of(&self.centre, self.plane) - centre).length();
                 let point = from + self.beside(along) * self.radius_mm;
-                let [first, second] = line_meets_circle(point, along, centre, radius_mm)?;
+                let meetings = line_meets_circle(point, along, centre, radius_mm)?;
                 // With the tool inside the arc, the line turns into its circle: they meet where it enters; else where it comes out.
-                Some(if self.inside(clockwise) {
-                    first
-                } else {
-                    second
-                })
+                Some(first_if(self.inside(clockwise), meetings))
             }
         }
     }
@@ -373,27 +320,18 @@ impl<T: Clone, E> Compensation<T, E> {
         match last.way {
             Way::Line | Way::Rapid => {
                 let beside = corner + self.beside(last.tangent) * self.radius_mm;
-                let [first, second] = line_meets_circle(beside, last.tangent, centre, radius_mm)?;
+                let meetings = line_meets_circle(beside, last.tangent, centre, radius_mm)?;
                 // From inside its circle the line meets the arc where it comes out; else where it enters.
-                Some(if self.inside(clockwise) {
-                    second
-                } else {
-                    first
-                })
+                Some(first_if(!self.inside(clockwise), meetings))
             }
-            Way::Arc {
-                centre: before,
-                clockwise: before_clockwise,
-                ..
-            } => {
-                let before_mm = (Flat::of(&self.centre, self.plane) - before).length();
-                let [left, right] = circles_meet(before, before_mm, centre, radius_mm)?;
+            Way::Arc(before) => {
+                let before_mm = (Flat::of(&self.centre, self.plane) - before.centre).length();
+                let meetings = circles_meet(before.centre, before_mm, centre, radius_mm)?;
                 // The meetings mirror each other across the line between the centres: side and direction choose.
-                Some(if self.inside(before_clockwise) != clockwise {
-                    left
-                } else {
-                    right
-                })
+                Some(first_if(
+                    self.inside(before.clockwise) != clockwise,
+                    meetings,
+                ))
             }
         }
     }
@@ -407,11 +345,8 @@ impl<T: Clone, E> Compensation<T, E> {
     }
 }
 
-/// An outside corner: where it is, and where the tool is behind it.
-#[derive(Debug, Clone, Copy)]
-struct Corner {
-    at: Flat,
-    end: Flat,
+fn first_if(first: bool, [one, other]: [Flat; 2]) -> Flat {
+    if first { one } else { other }
 }
 
 /// The path round an arc that begins at an inside corner.

@@ -28,11 +28,11 @@ fn step(to: AxisVector, way: Way, payload: usize) -> Move<usize> {
 }
 
 fn arc(centre: (f64, f64), clockwise: bool) -> Way {
-    Way::Arc {
+    Way::Arc(Bow {
         centre: Flat::new(centre.0, centre.1),
         clockwise,
         turns: 1,
-    }
+    })
 }
 
 /// The moves of a contour, each numbered, with the end of the compensation.
@@ -57,11 +57,11 @@ fn written(steps: &Steps) -> Vec<String> {
             match way {
                 Way::Rapid => format!("R {end}"),
                 Way::Line => format!("L {end}"),
-                Way::Arc {
+                Way::Arc(Bow {
                     centre,
                     clockwise,
                     turns,
-                } => {
+                }) => {
                     let sign = if *clockwise { "-" } else { "" };
                     format!("A {:.6} {:.6} {sign}{turns} {end}", centre.u, centre.v)
                 }
@@ -73,11 +73,11 @@ fn written(steps: &Steps) -> Vec<String> {
 #[test]
 fn lines_arcs_helices_and_rapids_are_followed_as_linuxcnc_does() {
     let line = Way::Line;
-    let helix = Way::Arc {
+    let helix = Way::Arc(Bow {
         centre: Flat::new(60.0, 15.0),
         clockwise: true,
         turns: 2,
-    };
+    });
     let moves = [
         (at(10.0, 0.0, 5.0), line),
         (at(20.0, 20.0, 5.0), line),
@@ -290,11 +290,11 @@ fn samples(from: Flat, to: Flat, way: Way) -> Vec<Flat> {
     (0..=40)
         .map(|index| {
             let share = f64::from(index) / 40.0;
-            let Way::Arc {
+            let Way::Arc(Bow {
                 centre,
                 clockwise,
                 turns,
-            } = way
+            }) = way
             else {
                 return from + (to - from) * share;
             };
@@ -310,11 +310,11 @@ fn samples(from: Flat, to: Flat, way: Way) -> Vec<Flat> {
 fn distance_mm(point: Flat, from: Flat, to: Flat, way: Way) -> f64 {
     let ends_mm = (point - from).length().min((point - to).length());
     match way {
-        Way::Arc {
+        Way::Arc(Bow {
             centre,
             clockwise,
             turns,
-        } => {
+        }) => {
             let along = sweep_rad(from, point, centre, clockwise, 1);
             if along <= sweep_rad(from, to, centre, clockwise, turns) {
                 ends_mm.min(((point - centre).length() - (from - centre).length()).abs())

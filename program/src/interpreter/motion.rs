@@ -77,7 +77,7 @@ impl Interpreter {
         match leg.way {
             Way::Rapid => {}
             Way::Line => self.route.output.straight_feeds += 1,
-            Way::Arc { .. } => self.route.output.arc_feeds += 1,
+            Way::Arc(_) => self.route.output.arc_feeds += 1,
         }
         self.route.follow(&mut self.state, cause, leg)
     }
@@ -92,10 +92,8 @@ impl Interpreter {
         }
         let offset = word.offset;
         if self.route.is_beside() {
-            let found = format!(
-                "G{} while the radius compensation is on",
-                shown_code(number)
-            );
+            let code = shown_code(number);
+            let found = format!("G{code} while the radius compensation is on");
             return refuse(offset, found, "G40 before it");
         }
         let cause = Cause::new(line, words, offset);

@@ -4,7 +4,7 @@ use path::geometry::{AxisVector, Shape};
 
 use super::{Cause, Refusal, State, Words, refuse};
 use crate::arc::{ArcBlock, ArcTolerance, Circle};
-use crate::compensation::Way;
+use crate::compensation::{Bow, Way};
 use crate::flat::Flat;
 
 /// The most turns of one arc.
@@ -22,10 +22,9 @@ impl State {
         let plane = self.plane_axes(offset)?;
         let circle = self.circle(words, plane, offset)?;
         let turns = words.whole('P', "turns are a whole number", 1.0..=TURNS_MAX)?;
-        let tolerance = if self.in_force.inches {
-            ArcTolerance::INCH
-        } else {
-            ArcTolerance::METRIC
+        let tolerance = match self.in_force.inches {
+            true => ArcTolerance::INCH,
+            false => ArcTolerance::METRIC,
         };
         let (from, to) = if self.arc_is_tilted() {
             (self.in_program(&self.position), self.in_program(&to))
@@ -140,10 +139,10 @@ impl State {
 impl ArcBlock {
     /// The way of the arc.
     pub fn way(&self) -> Result<Way, Refusal> {
-        Ok(Way::Arc {
+        Ok(Way::Arc(Bow {
             centre: self.centre()?,
             clockwise: self.clockwise,
             turns: self.turns,
-        })
+        }))
     }
 }

@@ -155,10 +155,8 @@ impl State {
             turning,
         };
         if cycle.pecks() && block.pecks() >= PECKS_MAX {
-            let (peck, count) = (
-                series.peck_mm / self.in_force.unit_mm(),
-                block.pecks() + 1.0,
-            );
+            let peck = series.peck_mm / self.in_force.unit_mm();
+            let count = block.pecks() + 1.0;
             let found = format!("Q{peck} with {count} pecks a hole");
             let right = format!("at most {PECKS_MAX} pecks");
             return refuse(cause.place('Q'), found, right);
@@ -305,12 +303,9 @@ impl State {
 
     /// A level that the block gives.
     fn level(&self, given_mm: Option<f64>) -> Option<Level> {
-        given_mm.map(|mm| {
-            if self.in_force.incremental {
-                Level::From(mm)
-            } else {
-                Level::At(mm)
-            }
+        given_mm.map(|mm| match self.in_force.incremental {
+            true => Level::From(mm),
+            false => Level::At(mm),
         })
     }
 

@@ -90,10 +90,11 @@ fn step(along: &mut Vec<Segment>, step_mm: f64) -> Result<(), Refusal> {
             if index == 0 {
                 return Err(does_not_fit());
             }
-            along.remove(if smaller(index, index - 1) {
+            let before = index - 1;
+            along.remove(if smaller(index, before) {
                 index
             } else {
-                index - 1
+                before
             });
             index = 0;
         } else if along[index].size_mm() < PIECE_MIN_MM {
@@ -121,15 +122,13 @@ fn round_corners(along: &mut Vec<Segment>, step_mm: f64) {
             let (mut near, mut far) = (before, after);
             near.offset(-step_mm);
             far.offset(-step_mm);
-            along.insert(
-                index + 1,
-                Segment {
-                    from: before.to,
-                    to: after.from,
-                    arc: Some(((near.to + far.from) * 0.5, step_mm > 0.0)),
-                },
-            );
+            let corner = Segment {
+                from: before.to,
+                to: after.from,
+                arc: Some(((near.to + far.from) * 0.5, step_mm > 0.0)),
+            };
             index += 1;
+            along.insert(index, corner);
         }
         index += 1;
     }
@@ -137,6 +136,7 @@ fn round_corners(along: &mut Vec<Segment>, step_mm: f64) {
 
 /// Ends one piece and begins the next where their lines or circles meet.
 fn meet(before: &mut Segment, after: &mut Segment) -> Result<(), Refusal> {
+    let ends = [before.to, after.from];
     let at = match (before.arc, after.arc) {
         (None, None) => {
             let (along, next) = (before.to - before.from, after.to - after.from);
@@ -145,37 +145,26 @@ fn meet(before: &mut Segment, after: &mut Segment) -> Result<(), Refusal> {
                 let right = "a profile that does not go on straight: make one line of two";
                 return wrong("two lines in one direction", right);
             }
-            before.from + along * ((after.from - before.from).cross(next) / across)
+            Some(before.from + along * ((after.from - before.from).cross(next) / across))
         }
-        (Some(circle), None) => {
-            let Some(at) = line_and_circle(before.to, after.from, *after, circle.0, before.to)
-            else {
-                return Ok(());
-            };
-            at
-        }
-        (None, Some(circle)) => {
-            let Some(at) = line_and_circle(before.to, after.from, *before, circle.0, after.to)
-            else {
-                return Ok(());
-            };
-            at
-        }
-        (Some((first, _)), Some((second, _))) => circle_and_circle(
+        (Some((centre, _)), None) => line_and_circle(ends, *after, centre, before.to),
+        (None, Some((centre, _))) => line_and_circle(ends, *before, centre, after.to),
+        (Some((first, _)), Some((second, _))) => Some(circle_and_circle(
             (first, (before.from - first).length()),
             (second, (after.from - second).length()),
-        )?,
+        )?),
     };
-    before.to = at;
-    after.from = at;
+    if let Some(at) = at {
+        before.to = at;
+        after.from = at;
+    }
     Ok(())
 }
 
 /// Where a line meets a circle through `on_circle`, nearest to `begin`, the beginning of the second piece; none where
 /// both pieces already meet.
 fn line_and_circle(
-    end: Flat,
-    begin: Flat,
+    [end, begin]: [Flat; 2],
     line: Segment,
     centre: Flat,
     on_circle: Flat,
@@ -191,11 +180,8 @@ fn line_and_circle(
         .sqrt();
     let foot = line.to + along * along.dot(centre - line.to);
     let (far, near) = (foot + along * half_mm, foot - along * half_mm);
-    Some(if (begin - far).length() < (begin - near).length() {
-        far
-    } else {
-        near
-    })
+    let is_far = (begin - far).length() < (begin - near).length();
+    Some(if is_far { far } else { near })
 }
 
 /// Where two circles, by centre and radius, meet: on the right of the way from the first centre to the second; where they

@@ -149,12 +149,7 @@ impl Rough<'_> {
                 if (self.tool - segment.to).length() < ARC_MIN_MM {
                     return Ok(Course::Followed);
                 }
-                let climbs = if counter_clockwise {
-                    self.tool.u > centre.u
-                } else {
-                    self.tool.u <= centre.u
-                };
-                if climbs {
+                if (self.tool.u > centre.u) == counter_clockwise {
                     return Ok(Course::Turns);
                 }
                 let crossings = segment.crossings(level);

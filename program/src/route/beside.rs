@@ -99,7 +99,7 @@ impl Route {
             feed,
         } = leg;
         let Some(beside) = &mut self.beside else {
-            if state.stands().is_some() && matches!(way, Way::Arc { .. }) {
+            if state.stands().is_some() && matches!(way, Way::Arc(_)) {
                 let right = "the first move behind G40 is straight: G0 or G1";
                 return cause.refuse("an arc behind the radius compensation", right);
             }
@@ -113,9 +113,8 @@ impl Route {
             per_turn: state.feed_per_turn(),
         };
         let mut steps = Vec::new();
-        beside
-            .push(Move { to, way, payload }, &mut steps)
-            .map_err(|gouge| gouge.at(cause.offset))?;
+        let pushed = beside.push(Move { to, way, payload }, &mut steps);
+        pushed.map_err(|gouge| gouge.at(cause.offset))?;
         let plane = beside.plane();
         state.go_ahead(to);
         self.send(state, cause, plane, steps)
@@ -128,9 +127,8 @@ impl Route {
         };
         let plane = beside.plane();
         let mut steps = Vec::new();
-        beside
-            .finish(&mut steps)
-            .map_err(|gouge| gouge.at(cause.offset))?;
+        let finished = beside.finish(&mut steps);
+        finished.map_err(|gouge| gouge.at(cause.offset))?;
         let sent = self.send(state, cause, plane, steps);
         state.stand(state.tool_place(), false);
         sent
@@ -179,11 +177,7 @@ impl Route {
             };
             let shapes = centre_shapes(state.tool_place(), &step, plane)
                 .map_err(|wrong| wrong.at(cause.offset))?;
-            let Carried {
-                line,
-                feed,
-                per_turn,
-            } = step.payload;
+            let (line, carried) = (step.payload.line, step.payload);
             if outside.is_empty() {
                 outside = self.limits.outside(state, cause, &Bounds::of(&shapes));
                 for refusal in &mut outside {
@@ -191,7 +185,7 @@ impl Route {
                 }
             }
             for shape in shapes {
-                self.add(state, line, shape, feed, per_turn);
+                self.add(state, line, shape, carried.feed, carried.per_turn);
             }
             state.stand(step.to, self.beside.is_some());
         }
@@ -207,21 +201,16 @@ fn centre_shapes(
     plane: [usize; 2],
 ) -> Result<Vec<Shape>, Refusal> {
     let to = step.to;
-    let Way::Arc {
-        centre,
-        clockwise,
-        turns,
-    } = step.way
-    else {
+    let Way::Arc(bow) = step.way else {
         return Ok(vec![Shape::Line { from, to }]);
     };
     let arc = ArcBlock {
         from,
         to,
         plane,
-        circle: Circle::Centre(centre),
-        clockwise,
-        turns,
+        circle: Circle::Centre(bow.centre),
+        clockwise: bow.clockwise,
+        turns: bow.turns,
         tolerance: BESIDE_ARC_TOLERANCE,
     };
     arc.shapes().map_err(|Refusal { found, right, .. }| {
