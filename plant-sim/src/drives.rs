@@ -20,9 +20,9 @@ use crate::probe::{ProbeState, SimulatedProbe};
 pub struct SimulatedDrives {
     axes: Vec<SimulatedAxis>,
     /// Tables that are joined.
-    bridges: Vec<BridgedAxes>,
+    pub(crate) bridges: Vec<BridgedAxes>,
     /// What axes get of where others are.
-    cross_talk: Vec<CrossTalk>,
+    pub(crate) cross_talk: Vec<CrossTalk>,
     auxiliaries: SimulatedAuxiliaries,
     probe: Option<SimulatedProbe>,
     inputs: SimulatedInputs,
@@ -60,6 +60,19 @@ struct SavedCommand {
     values: [f64; 3],
 }
 
+/// Writes a part of the state to the beginning of what is left of the bytes, if it fits.
+fn put(bytes: &mut &mut [u8], part: &impl Pod) {
+    if let Some(slot) = bytes.split_off_mut(..size_of_val(part)) {
+        slot.copy_from_slice(bytemuck::bytes_of(part));
+    }
+}
+
+/// Reads a part of the state from the beginning of what is left of the bytes.
+fn taken<T: Pod>(bytes: &mut &[u8]) -> Result<T, StateRefused> {
+    let slot = bytes.split_off(..size_of::<T>()).ok_or(StateRefused)?;
+    Ok(bytemuck::pod_read_unaligned(slot))
+}
+
 impl SimulatedAxis {
     /// The command that acts now, where this one is handed over.
     fn acting(&mut self, command: DriveCommand) -> DriveCommand {
@@ -79,36 +92,20 @@ impl SimulatedAxis {
             + self.on_the_way.len() * size_of::<SavedCommand>()
     }
 
-    fn save(&self, bytes: &mut [u8]) {
-        let Some((state, rest)) = bytes.split_at_mut_checked(size_of::<AxisState>()) else {
-            return;
-        };
-        state.copy_from_slice(bytemuck::bytes_of(self.simulation.state()));
-        let Some((state, commands)) = rest.split_at_mut_checked(size_of::<HomingState>()) else {
-            return;
-        };
-        state.copy_from_slice(bytemuck::bytes_of(self.homing.state()));
-        let slots = commands.chunks_exact_mut(size_of::<SavedCommand>());
-        for (slot, command) in slots.zip(&self.on_the_way) {
+    fn save(&self, bytes: &mut &mut [u8]) {
+        put(bytes, self.simulation.state());
+        put(bytes, self.homing.state());
+        for command in &self.on_the_way {
             let (kind, values) = command.parts();
-            slot.copy_from_slice(bytemuck::bytes_of(&SavedCommand { kind, values }));
+            put(bytes, &SavedCommand { kind, values });
         }
     }
-
     /// Takes a saved state, with the commands that were on their way.
-    fn restore(&mut self, bytes: &[u8]) -> Result<(), StateRefused> {
-        let (state, rest) = bytes
-            .split_at_checked(size_of::<AxisState>())
-            .ok_or(StateRefused)?;
-        self.simulation
-            .restore(&bytemuck::pod_read_unaligned(state))?;
-        let (state, commands) = rest
-            .split_at_checked(size_of::<HomingState>())
-            .ok_or(StateRefused)?;
-        self.homing.restore(&bytemuck::pod_read_unaligned(state));
-        let slots = commands.chunks_exact(size_of::<SavedCommand>());
-        for (slot, on_the_way) in slots.zip(&mut self.on_the_way) {
-            let saved: SavedCommand = bytemuck::pod_read_unaligned(slot);
+    fn restore(&mut self, bytes: &mut &[u8]) -> Result<(), StateRefused> {
+        self.simulation.restore(&taken(bytes)?)?;
+        self.homing.restore(&taken(bytes)?);
+        for on_the_way in &mut self.on_the_way {
+            let saved: SavedCommand = taken(bytes)?;
             *on_the_way = DriveCommand::of_parts(saved.kind, saved.values).ok_or(StateRefused)?;
         }
         Ok(())
@@ -223,18 +220,13 @@ impl SimulatedDrives {
     }
 
     /// The same with a touch probe, if there is one, and inputs.
-    pub fn with_inputs(self, probe: Option<SimulatedProbe>, inputs: SimulatedInputs) -> Self {
-        let mut drives = SimulatedDrives {
-            probe,
-            inputs,
-            ..self
-        };
-        let axes = &drives.axes;
-        if let Some(probe) = &mut drives.probe {
-            let talks = &drives.cross_talk;
+    pub fn with_inputs(mut self, probe: Option<SimulatedProbe>, inputs: SimulatedInputs) -> Self {
+        (self.probe, self.inputs) = (probe, inputs);
+        let (axes, talks) = (&self.axes, &self.cross_talk);
+        if let Some(probe) = &mut self.probe {
             probe.stand(|axis| table_mm(axes, talks, axis));
         }
-        drives
+        self
     }
 
     /// The same with what its axes have to find their places; absolute encoders where it says nothing.
@@ -248,22 +240,10 @@ impl SimulatedDrives {
         self
     }
 
-    /// The same with tables that are joined.
-    pub fn with_bridges(self, bridges: Vec<BridgedAxes>) -> SimulatedDrives {
-        SimulatedDrives { bridges, ..self }
-    }
-
-    /// The same with axes that disturb each other.
-    pub fn with_cross_talk(self, cross_talk: Vec<CrossTalk>) -> SimulatedDrives {
-        SimulatedDrives { cross_talk, ..self }
-    }
-
     /// The same with spindle, tool changer and outputs.
-    pub fn with(self, auxiliaries: SimulatedAuxiliaries) -> SimulatedDrives {
-        SimulatedDrives {
-            auxiliaries,
-            ..self
-        }
+    pub fn with(mut self, auxiliaries: SimulatedAuxiliaries) -> SimulatedDrives {
+        self.auxiliaries = auxiliaries;
+        self
     }
 
     /// Spindle, tool changer and outputs.
@@ -351,10 +331,9 @@ impl Drives for SimulatedDrives {
             torque_limited: simulation.torque_limited(),
             referenced: axis.homing.referenced(),
             index_mm: axis.homing.index_mm(),
-            state: if axis.off {
-                DriveState::Off
-            } else {
-                DriveState::Ready
+            state: match axis.off {
+                true => DriveState::Off,
+                false => DriveState::Ready,
             },
         }
     }
@@ -375,10 +354,10 @@ impl Drives for SimulatedDrives {
         show(&mut self.axes, &self.cross_talk);
         let axes = &self.axes;
         if let Some(probe) = &mut self.probe {
-            let samples = axes.first().map_or(1, |axis| {
-                axis.simulation.settings().samples_per_scan().max(1)
-            });
-            probe.scan(samples, |axis, sample| {
+            let samples = axes
+                .first()
+                .map(|axis| axis.simulation.settings().samples_per_scan());
+            probe.scan(samples.unwrap_or(1).max(1), |axis, sample| {
                 let samples = axes.get(axis).map(|axis| &axis.samples);
                 let sample = samples.and_then(|samples| samples.get(sample));
                 sample.map_or(0.0, |sample| sample.table_mm)
@@ -428,59 +407,25 @@ impl Drives for SimulatedDrives {
         size_of::<AuxiliaryState>() + size_of::<ProbeState>() + size_of::<InputsState>() + axes
     }
 
-    fn save(&self, bytes: &mut [u8]) {
-        let Some((state, mut bytes)) = bytes.split_at_mut_checked(size_of::<AuxiliaryState>())
-        else {
-            return;
-        };
-        state.copy_from_slice(bytemuck::bytes_of(self.auxiliaries.state()));
-        let probe = self
-            .probe
-            .as_ref()
-            .map_or_else(ProbeState::default, SimulatedProbe::state);
-        for state in [
-            bytemuck::bytes_of(&probe),
-            bytemuck::bytes_of(self.inputs.state()),
-        ] {
-            let Some((slot, rest)) = bytes.split_at_mut_checked(state.len()) else {
-                return;
-            };
-            slot.copy_from_slice(state);
-            bytes = rest;
-        }
-        for axis in &self.axes {
-            let Some((slot, rest)) = bytes.split_at_mut_checked(axis.state_bytes()) else {
-                return;
-            };
-            axis.save(slot);
-            bytes = rest;
-        }
+    fn save(&self, mut bytes: &mut [u8]) {
+        let bytes = &mut bytes;
+        put(bytes, self.auxiliaries.state());
+        let probe = self.probe.as_ref().map(SimulatedProbe::state);
+        put(bytes, &probe.unwrap_or_default());
+        put(bytes, self.inputs.state());
+        self.axes.iter().for_each(|axis| axis.save(bytes));
     }
-
-    fn restore(&mut self, bytes: &[u8]) -> Result<(), StateRefused> {
-        let (state, mut bytes) = bytes
-            .split_at_checked(size_of::<AuxiliaryState>())
-            .ok_or(StateRefused)?;
-        let state: AuxiliaryState = bytemuck::pod_read_unaligned(state);
-        if !self.auxiliaries.restore(&state) {
+    fn restore(&mut self, mut bytes: &[u8]) -> Result<(), StateRefused> {
+        let bytes = &mut bytes;
+        if !self.auxiliaries.restore(&taken(bytes)?) {
             return Err(StateRefused);
         }
-        let (probe, rest) = bytes
-            .split_at_checked(size_of::<ProbeState>())
-            .ok_or(StateRefused)?;
-        let (inputs, rest) = rest
-            .split_at_checked(size_of::<InputsState>())
-            .ok_or(StateRefused)?;
-        bytes = rest;
-        self.inputs.restore(&bytemuck::pod_read_unaligned(inputs));
+        let probe = taken(bytes)?;
+        self.inputs.restore(&taken(bytes)?);
         let together = self.auxiliaries.brakes_together();
         self.auxiliaries.run_down();
         for axis in &mut self.axes {
-            let (slot, rest) = bytes
-                .split_at_checked(axis.state_bytes())
-                .ok_or(StateRefused)?;
-            axis.restore(slot)?;
-            bytes = rest;
+            axis.restore(bytes)?;
         }
         // What was on its way arrives; after it comes nothing more, and the drives brake by themselves.
         let on_the_way = self.axes.first().map_or(0, |axis| axis.on_the_way.len());
@@ -493,7 +438,7 @@ impl Drives for SimulatedDrives {
         run_down(&mut self.axes, &self.bridges, together);
         let axes = &self.axes;
         if let Some(of_this) = &mut self.probe {
-            of_this.restore(&bytemuck::pod_read_unaligned(probe));
+            of_this.restore(&probe);
             let talks = &self.cross_talk;
             of_this.stand(|axis| table_mm(axes, talks, axis));
         }

@@ -74,9 +74,7 @@ impl SimulatedHoming {
         let mut homing = SimulatedHoming {
             settings: Settings {
                 incremental: axis.encoder.is_some(),
-                index: axis
-                    .encoder
-                    .map_or(0, |encoder| counts(encoder.index_at_mm)),
+                index: axis.encoder.map_or(0, |of| counts(of.index_at_mm)),
                 counts_per_turn: i64::from(axis.motor.encoder_counts_per_turn).max(1),
                 count_mm,
                 switch: axis.home_switch,
@@ -136,18 +134,11 @@ impl SimulatedHoming {
     /// A position is meant as the encoder shows it; the motor counts from elsewhere.
     fn in_own_counts(&self, command: DriveCommand) -> DriveCommand {
         let off_mm = self.state.offset as f64 * self.settings.count_mm;
-        match command {
-            DriveCommand::Position {
-                position_mm,
-                velocity_offset_mm_s,
-                torque_offset_nm,
-            } => DriveCommand::Position {
-                position_mm: position_mm - off_mm,
-                velocity_offset_mm_s,
-                torque_offset_nm,
-            },
-            command => command,
+        let mut command = command;
+        if let DriveCommand::Position { position_mm, .. } = &mut command {
+            *position_mm -= off_mm;
         }
+        command
     }
 
     /// What the drive does in this scan for a command that acts now.
@@ -224,10 +215,9 @@ impl SimulatedHoming {
             Actuated::Above => table_mm - switch.at_mm,
             Actuated::Below => switch.at_mm - table_mm,
         } - scatter_mm;
-        let actuated = if state.actuated == 1 {
-            beyond_mm > -switch.hysteresis_um * 1e-3
-        } else {
-            beyond_mm >= 0.0
+        let actuated = match state.actuated {
+            1 => beyond_mm > -switch.hysteresis_um * 1e-3,
+            _ => beyond_mm >= 0.0,
         };
         if actuated != (state.actuated == 1) {
             state.changes = state.changes.wrapping_add(1);

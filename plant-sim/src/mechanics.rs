@@ -126,14 +126,9 @@ pub struct Effort {
 impl MechanicsState {
     /// Where the table is from the ground, in m.
     pub fn table_from_ground_m(&self, settings: &MechanicsSettings) -> f64 {
-        let swings = settings
-            .beyond
-            .as_ref()
-            .is_some_and(|beyond| beyond.frame.is_some());
-        if swings {
-            self.table_m + self.beyond.frame.off_m
-        } else {
-            self.table_m
+        match settings.beyond.as_ref().and_then(|beyond| beyond.frame) {
+            Some(_) => self.table_m + self.beyond.frame.off_m,
+            None => self.table_m,
         }
     }
 }

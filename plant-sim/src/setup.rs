@@ -79,10 +79,10 @@ impl PlantFile {
         let probe = self.probe.as_ref();
         let probe = probe.map(|probe| SimulatedProbe::new(probe.clone(), slides));
         let inputs = SimulatedInputs::new(self.inputs.clone(), scan_s);
-        let drives = SimulatedDrives::with_dead_time(simulations, dead_time_scans);
+        let mut drives = SimulatedDrives::with_dead_time(simulations, dead_time_scans);
         self.judge_homing(machine)?;
-        let drives = drives.with_bridges(self.bridges(machine)?);
-        let drives = drives.with_cross_talk(self.cross_talk(machine));
+        drives.bridges = self.bridges(machine)?;
+        drives.cross_talk = self.cross_talk(machine);
         let drives = drives.with_homing(|index, simulation| {
             let axis = self.axis(&machine.axes.get(index)?.name)?;
             Some(SimulatedHoming::new(axis, simulation, scan_s))

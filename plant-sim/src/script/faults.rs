@@ -166,13 +166,7 @@ pub enum Action {
 impl Action {
     /// Whether it is about what a process sends, not about the process.
     pub fn is_of_samples(self) -> bool {
-        match self {
-            Action::Kill { .. } | Action::Stop { .. } => false,
-            Action::Drop { .. }
-            | Action::Delay { .. }
-            | Action::Corrupt { .. }
-            | Action::Spoil { .. } => true,
-        }
+        !matches!(self, Action::Kill { .. } | Action::Stop { .. })
     }
 }
 
@@ -304,10 +298,13 @@ impl FaultScript {
                 )),
             }
         }
-        if broken.is_empty() {
-            Ok(())
-        } else {
-            Err(SettingsFileError::Broken(broken))
-        }
+        none_broken(broken)
+    }
+}
+
+fn none_broken(broken: Vec<String>) -> Result<(), SettingsFileError> {
+    match broken.is_empty() {
+        true => Ok(()),
+        false => Err(SettingsFileError::Broken(broken)),
     }
 }

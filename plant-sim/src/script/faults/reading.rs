@@ -28,14 +28,17 @@ struct Entry {
     process: Spanned<String>,
     #[serde(rename = "do")]
     action: Spanned<String>,
-    restart_after_scans: Option<Spanned<u64>>,
-    scans: Option<Spanned<u64>>,
-    late_scans: Option<Spanned<u64>>,
-    what: Option<Spanned<String>>,
-    field: Option<Spanned<String>>,
-    sealed: Option<Spanned<bool>>,
-    repeat: Option<Spanned<Repeat>>,
+    restart_after_scans: Given<u64>,
+    scans: Given<u64>,
+    late_scans: Given<u64>,
+    what: Given<String>,
+    field: Given<String>,
+    sealed: Given<bool>,
+    repeat: Given<Repeat>,
 }
+
+/// What a fault may have, and where it stands.
+type Given<T> = Option<Spanned<T>>;
 
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -87,15 +90,12 @@ pub fn parse(name: &str, text: &str, machine: &Machine) -> Result<FaultScript, S
             Err(what) => broken.push(what),
         }
     }
-    if broken.is_empty() {
-        Ok(FaultScript {
-            name: name.into(),
-            restart: file.restart,
-            faults,
-        })
-    } else {
-        Err(SettingsFileError::Broken(broken))
-    }
+    none_broken(broken)?;
+    Ok(FaultScript {
+        name: name.into(),
+        restart: file.restart,
+        faults,
+    })
 }
 
 fn judge_restart(
@@ -103,24 +103,12 @@ fn judge_restart(
     restart: &RestartOverrides,
 ) -> Result<(), SettingsFileError> {
     if let Some(most) = restart.restarts_max {
-        rules.between(
-            &["restart", "restarts_max"],
-            None,
-            most.into(),
-            "restarts",
-            1.0,
-            1e6,
-        );
+        let path = ["restart", "restarts_max"];
+        rules.between(&path, None, most.into(), "restarts", 1.0, 1e6);
     }
     if let Some(within) = restart.within_s {
-        rules.range(
-            &["restart", "within_s"],
-            None,
-            within,
-            "s",
-            From::Above(0.0),
-            86_400.0,
-        );
+        let (path, low) = (["restart", "within_s"], From::Above(0.0));
+        rules.range(&path, None, within, "s", low, 86_400.0);
     }
     rules.judge()
 }
@@ -162,9 +150,8 @@ impl Reading<'_> {
             Some(repeat) => self.repeated(repeat, fault.at, entry)?,
         };
         if scans.len() > room {
-            let what = format!(
-                "makes more than {FAULTS_MAX} in all, repetitions counted: must be at most that many"
-            );
+            let what = "in all, repetitions counted: must be at most that many";
+            let what = format!("makes more than {FAULTS_MAX} {what}");
             return Err(self.wrong(&entry.process, &what));
         }
         Ok(scans.into_iter().map(|at| Fault { at, ..fault }).collect())
@@ -202,10 +189,8 @@ impl Reading<'_> {
                 (None, None, None, Some(count), None) => {
                     within("reversal", count.into(), 1, u32::MAX.into())?;
                     let letter = at.axis.as_deref().unwrap_or_default();
-                    let axis = self
-                        .machine
-                        .axis_index(letter)
-                        .map_err(|what| self.wrong(place, &format!("at: {what}")))?;
+                    let axis = self.machine.axis_index(letter);
+                    let axis = axis.map_err(|what| self.wrong(place, &format!("at: {what}")))?;
                     Trigger::Reversal {
                         axis: axis as usize,
                         count,
@@ -246,21 +231,11 @@ impl Reading<'_> {
                 return Err(self.wrong(&entry.action, &what));
             }
         };
-        let restart_after_scans = self.number_of(
-            entry,
-            "restart_after_scans",
-            &entry.restart_after_scans,
-            restart_after_scans,
-            FAULT_SCANS_MAX,
-        )?;
-        let scans = self.number_of(entry, "scans", &entry.scans, scans, FAULT_SCANS_MAX)?;
-        let late_scans = self.number_of(
-            entry,
-            "late_scans",
-            &entry.late_scans,
-            late_scans,
-            LATE_SCANS_MAX,
-        )?;
+        let number = |key, value, may, most| self.number_of(entry, key, value, may, most);
+        let (after, most) = (&entry.restart_after_scans, FAULT_SCANS_MAX);
+        let restart_after_scans = number("restart_after_scans", after, restart_after_scans, most)?;
+        let scans = number("scans", &entry.scans, scans, most)?;
+        let late_scans = number("late_scans", &entry.late_scans, late_scans, LATE_SCANS_MAX)?;
         self.has_it("what", entry, &entry.what, what)?;
         let field = if word == "corrupt" { May } else { MustNot };
         self.has_it("field", entry, &entry.field, field)?;
@@ -322,15 +297,13 @@ impl Reading<'_> {
         let Some((field, leaf)) = found else {
             let samples = Sent::ALL.into_iter().filter(|sent| sent.job() == job);
             let samples: Vec<&str> = samples.map(Sent::word).collect();
+            let (process, samples) = (entry.process.get_ref(), samples.join(", "));
+            let such = match job {
+                Job::Servo => "command.held.sequence",
+                _ => "window.first_scan",
+            };
             let what = format!(
-                "field = {name:?}: {} sends {}; must be a number of it, as in {:?}",
-                entry.process.get_ref(),
-                samples.join(", "),
-                if job == Job::Servo {
-                    "command.held.sequence"
-                } else {
-                    "window.first_scan"
-                }
+                "field = {name:?}: {process} sends {samples}; must be a number of it, as in {such:?}"
             );
             return Err(self.wrong(&entry.action, &what));
         };
@@ -348,7 +321,7 @@ impl Reading<'_> {
         &self,
         key: &str,
         entry: &Entry,
-        value: &Option<Spanned<T>>,
+        value: &Given<T>,
         may: Key,
     ) -> Result<(), String> {
         let word = entry.action.get_ref();
@@ -363,7 +336,7 @@ impl Reading<'_> {
         &self,
         entry: &Entry,
         key: &str,
-        value: &Option<Spanned<u64>>,
+        value: &Given<u64>,
         may: Key,
         most: u64,
     ) -> Result<Option<u64>, String> {
