@@ -69,15 +69,12 @@ impl FlowWord {
 
 /// An O-word as a person writes it.
 pub fn shown_flow(label: &str, keyword: Keyword) -> String {
-    let word = KEYWORDS
-        .iter()
-        .find(|&&(_, of_word)| of_word == keyword)
-        .map_or("", |(word, _)| word);
-    let number = label.bytes().all(|byte| byte.is_ascii_digit());
-    let label = if number {
-        format!("O{label}")
-    } else {
-        format!("O<{label}>")
+    let mut words = KEYWORDS.iter();
+    let word = words.find(|(_, of_word)| *of_word == keyword);
+    let word = word.map_or("", |(word, _)| word);
+    let label = match label.bytes().all(|byte| byte.is_ascii_digit()) {
+        true => format!("O{label}"),
+        false => format!("O<{label}>"),
     };
     format!("{label} {word}").trim_end().to_owned()
 }
@@ -130,18 +127,15 @@ pub fn label_of(value: f64) -> Option<String> {
         return None;
     }
     // Every whole number up to here is one of both kinds.
-    Some(if value <= 1e15 {
-        (value as u64).to_string()
-    } else {
-        format!("{value:.0}")
+    Some(match value {
+        ..=1e15 => (value as u64).to_string(),
+        _ => format!("{value:.0}"),
     })
 }
 
 fn keyword(cursor: &mut Cursor) -> Result<Keyword, Refusal> {
-    let start = {
-        cursor.skip_blanks();
-        cursor.offset
-    };
+    cursor.skip_blanks();
+    let start = cursor.offset;
     let mut longest = None;
     for (word, keyword) in KEYWORDS {
         cursor.offset = start;

@@ -11,7 +11,7 @@ use crate::refusal::{Refusal, refuse, shown};
 const WORDS_MAX: usize = 64;
 
 /// A letter with its number.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Word {
     /// Upper case, A to Z, or one of `@` `^` `$`.
     pub letter: char,

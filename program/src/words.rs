@@ -57,27 +57,12 @@ const GROUPS: usize = Group::User as usize + 1;
 const LETTERS: usize = 29;
 
 /// The words of one block, each letter at most once, codes by group.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub struct Words {
     codes: [Option<(u32, Word)>; GROUPS],
     values: [Word; LETTERS],
     /// Which of the values are there, by their index.
     present: u32,
-}
-
-impl Default for Words {
-    fn default() -> Self {
-        let none = Word {
-            letter: ' ',
-            value: 0.0,
-            offset: 0,
-        };
-        Self {
-            codes: [None; GROUPS],
-            values: [none; LETTERS],
-            present: 0,
-        }
-    }
 }
 
 /// The place of a letter among the values.

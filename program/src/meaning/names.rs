@@ -7,23 +7,18 @@ use crate::state::FeedMode;
 impl State {
     /// Where the tool is along a letter of [`AXIS_LETTERS`], in the coordinates and unit of the program.
     pub fn position_of(&self, letter: usize) -> f64 {
-        let index = AXIS_LETTERS
-            .chars()
-            .nth(letter)
-            .and_then(|letter| self.equipment.axis_index(letter));
+        let letter = AXIS_LETTERS.chars().nth(letter);
+        let index = letter.and_then(|letter| self.equipment.axis_index(letter));
         let Some(index) = index else { return 0.0 };
-        let value = self
-            .in_program(&self.position)
-            .get(index)
-            .copied()
-            .unwrap_or(0.0);
-        value / self.unit_of(index)
+        let place = self.in_program(&self.position);
+        place.get(index).copied().unwrap_or(0.0) / self.unit_of(index)
     }
 
     /// What a name tells of the state; none for a name that tells nothing of it.
     pub fn predefined(&self, name: &str) -> Option<f64> {
         let is = |truth: bool| f64::from(u8::from(truth));
         let code = |number: u32| f64::from(number) / 10.0;
+        let pocket = |number: u32| Some(f64::from(self.tools.find(number)?.pocket));
         Some(match name {
             "_x" | "_y" | "_z" | "_a" | "_b" | "_c" | "_u" | "_v" | "_w" => {
                 let letter = name.chars().nth(1)?.to_ascii_uppercase();
@@ -53,15 +48,8 @@ impl State {
             "_speed_override" => is(self.in_force.spindle_override),
             "_current_tool" => f64::from(self.tools.in_spindle()),
             "_selected_tool" => self.tools.prepared().map_or(-1.0, f64::from),
-            "_selected_pocket" => {
-                let number = self.tools.prepared();
-                let tool = number.and_then(|number| self.tools.find(number));
-                tool.map_or(-1.0, |tool| f64::from(tool.pocket))
-            }
-            "_current_pocket" => self
-                .tools
-                .find(self.tools.in_spindle())
-                .map_or(0.0, |tool| f64::from(tool.pocket)),
+            "_selected_pocket" => self.tools.prepared().and_then(pocket).unwrap_or(-1.0),
+            "_current_pocket" => pocket(self.tools.in_spindle()).unwrap_or(0.0),
             "_coord_system" => match self.parameters.get(base::WORK_OFFSET) {
                 system if system <= 6.0 => 530.0 + 10.0 * system,
                 system => 590.0 + (system - 6.0),

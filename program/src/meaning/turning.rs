@@ -118,11 +118,8 @@ impl State {
                 words.value('K').map_or(0.0, |word| word.value),
                 words.value('I').map_or(0.0, |word| word.value),
             ) * self.in_force.unit_mm();
-            return Ok(if self.in_force.arc_absolute {
-                arm
-            } else {
-                from + arm
-            });
+            let absolute = self.in_force.arc_absolute;
+            return Ok(if absolute { arm } else { from + arm });
         }
         let radius_mm = words.value('R').map_or(0.0, |word| word.value) * self.in_force.unit_mm();
         let chord = to - from;
@@ -133,12 +130,8 @@ impl State {
             return refuse(offset, found, right);
         }
         let height = chord.left() * squared.max(0.0).sqrt();
-        let middle = (from + to) * 0.5;
-        Ok(if clockwise {
-            middle - height
-        } else {
-            middle + height
-        })
+        let height = if clockwise { -height } else { height };
+        Ok((from + to) * 0.5 + height)
     }
 
     /// The cuts of a cycle along a profile, its way to the start first.
