@@ -192,7 +192,7 @@ impl AxisSettings {
         Ok(AxisSettings {
             mechanics: MechanicsSettings::new(&axis.mechanics(microstep_s), microstep_s),
             drive: DriveSettings::new(drive, axis.motor.peak_torque_nm, radius_m, count_m),
-            winding: WindingSettings::new(&axis.winding(), scan_s),
+            winding: axis.winding(scan_s),
             measurement,
             radius_m,
             count_m,

@@ -1,48 +1,49 @@
 //! Friction that is not the same everywhere and always: by place, direction, temperature and rest.
 
 use bytemuck::{Pod, Zeroable};
+use schemars::JsonSchema;
+use serde::Deserialize;
 
 /// Slower than this an axis rests, in m/s.
 const REST_M_S: f64 = 1e-6;
 
-/// By how much friction differs from what its contact's own keys say.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Variation {
-    /// Share by which friction is higher in positive direction, and lower in negative.
+/// Friction that is not the same everywhere and always.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PlantVariation {
+    /// Share by which friction is higher in positive direction and lower in negative.
+    #[schemars(extend("minimum" = -0.9, "maximum" = 0.9, "default" = 0.0))]
     pub direction_share: f64,
-    /// Amplitude of a wave with the turn of the screw, as a share.
+    /// Amplitude of a wave with each turn of the screw, as a share of friction.
+    #[schemars(extend("minimum" = 0, "maximum" = 0.45, "default" = 0.0))]
     pub screw_share: f64,
-    /// Length of a turn, in m.
-    pub lead_m: f64,
-    /// Amplitude of a long wave over the travel, as a share.
+    /// Amplitude of a long wave over the travel, as a share of friction.
+    #[schemars(extend("minimum" = 0, "maximum" = 0.45, "default" = 0.0))]
     pub wave_share: f64,
-    /// Its length, in m.
-    pub wave_length_m: f64,
+    /// Length of that wave.
+    #[schemars(extend("unit" = "mm", "minimum" = 1, "maximum" = 100_000, "default" = 300.0))]
+    pub wave_length_mm: f64,
     /// What is left of friction once the machine is warm.
+    #[schemars(extend("minimum" = 0.1, "maximum" = 3, "default" = 1.0))]
     pub warm_share: f64,
-    /// Time constant of the warming up, in s.
+    /// Time constant of the warming up, from the first scan on.
+    #[schemars(extend("unit" = "s", "minimum" = 0.1, "maximum" = 100_000, "default" = 600.0))]
     pub warm_time_constant_s: f64,
-    /// Share of break-away friction that rest adds at most.
+    /// Share of the rise to break-away friction that rest adds at most (Stribeck of the first motion after a stop).
+    #[schemars(extend("minimum" = 0, "maximum" = 10, "default" = 0.0))]
     pub rest_share: f64,
-    /// Time constant of that, in s.
+    /// Time constant of that.
+    #[schemars(extend("unit" = "s", "minimum" = 0.01, "maximum" = 10_000, "default" = 5.0))]
     pub rest_time_constant_s: f64,
 }
 
-impl Default for Variation {
-    /// None.
-    fn default() -> Self {
-        Variation {
-            direction_share: 0.0,
-            screw_share: 0.0,
-            lead_m: 1.0,
-            wave_share: 0.0,
-            wave_length_m: 1.0,
-            warm_share: 1.0,
-            warm_time_constant_s: 1.0,
-            rest_share: 0.0,
-            rest_time_constant_s: 1.0,
-        }
-    }
+/// How friction of an axis differs by place, direction, temperature and rest.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Variation {
+    /// As the plant file has it; none where it says nothing of it.
+    pub of: Option<PlantVariation>,
+    /// Travel in one turn of the screw, in m.
+    pub lead_m: f64,
 }
 
 /// What [`Variation`] remembers.
@@ -91,16 +92,19 @@ impl Variation {
             // What rest has built up is worn off over the first tenth of a second of motion.
             state.rest_s *= libm::exp(-time_s / 0.1);
         }
+        let Some(of) = &self.of else {
+            return Conditions::PLAIN;
+        };
         let wave = |length_m: f64| libm::sin(2.0 * std::f64::consts::PI * place_m / length_m);
         let place =
-            self.screw_share * wave(self.lead_m) + self.wave_share * wave(self.wave_length_m);
-        let cold = libm::exp(-state.on_s / self.warm_time_constant_s);
-        let warm = self.warm_share + (1.0 - self.warm_share) * cold;
-        let rested = 1.0 - libm::exp(-state.rest_s / self.rest_time_constant_s);
+            of.screw_share * wave(self.lead_m) + of.wave_share * wave(of.wave_length_mm * 1e-3);
+        let cold = libm::exp(-state.on_s / of.warm_time_constant_s);
+        let warm = of.warm_share + (1.0 - of.warm_share) * cold;
+        let rested = 1.0 - libm::exp(-state.rest_s / of.rest_time_constant_s);
         Conditions {
             level: (1.0 + place) * warm,
-            sides: [1.0 + self.direction_share, 1.0 - self.direction_share],
-            at_rest: 1.0 + self.rest_share * rested,
+            sides: [1.0 + of.direction_share, 1.0 - of.direction_share],
+            at_rest: 1.0 + of.rest_share * rested,
         }
     }
 }
@@ -109,14 +113,28 @@ impl Variation {
 mod tests {
     use super::*;
 
+    const NONE: PlantVariation = PlantVariation {
+        direction_share: 0.0,
+        screw_share: 0.0,
+        wave_share: 0.0,
+        wave_length_mm: 1000.0,
+        warm_share: 1.0,
+        warm_time_constant_s: 1.0,
+        rest_share: 0.0,
+        rest_time_constant_s: 1.0,
+    };
+
     #[test]
     fn friction_falls_to_its_warm_share_and_waves_with_the_screw() {
-        let variation = Variation {
+        let of = PlantVariation {
             warm_share: 0.7,
             warm_time_constant_s: 200.0,
             screw_share: 0.1,
+            ..NONE
+        };
+        let variation = Variation {
+            of: Some(of),
             lead_m: 0.01,
-            ..Variation::default()
         };
         let mut state = VariationState::default();
         let cold = variation.update(&mut state, 1e-3, 0.0, 0.1);
@@ -129,10 +147,14 @@ mod tests {
 
     #[test]
     fn rest_raises_break_away_friction_and_motion_wears_it_off() {
-        let variation = Variation {
+        let of = PlantVariation {
             rest_share: 0.5,
             rest_time_constant_s: 2.0,
-            ..Variation::default()
+            ..NONE
+        };
+        let variation = Variation {
+            of: Some(of),
+            lead_m: 0.01,
         };
         let mut state = VariationState::default();
         let rested = variation.update(&mut state, 20.0, 0.0, 0.0);

@@ -2,17 +2,6 @@
 
 use bytemuck::{Pod, Zeroable};
 
-/// What is true of one motor's winding.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct WindingParameters {
-    /// Continuous torque, in N·m.
-    pub rated_torque_nm: f64,
-    /// Rise over the ambient at rated torque, in K.
-    pub rise_at_rated_k: f64,
-    /// Thermal time constant, in s.
-    pub time_constant_s: f64,
-}
-
 /// The constants of [`WindingSettings::update`] for one period.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct WindingSettings {
@@ -32,12 +21,11 @@ pub struct WindingState {
 }
 
 impl WindingSettings {
-    /// Prepares a winding for periods of `period_s`.
-    pub fn new(parameters: &WindingParameters, period_s: f64) -> Self {
-        let rated_nm = parameters.rated_torque_nm;
+    /// Prepares a winding for periods of `period_s`: its rise over the ambient at this continuous torque, and its thermal time constant.
+    pub fn new(rated_nm: f64, rise_at_rated_k: f64, time_constant_s: f64, period_s: f64) -> Self {
         WindingSettings {
-            rise_k_per_nm2: parameters.rise_at_rated_k / (rated_nm * rated_nm),
-            decay: libm::exp(-period_s / parameters.time_constant_s),
+            rise_k_per_nm2: rise_at_rated_k / (rated_nm * rated_nm),
+            decay: libm::exp(-period_s / time_constant_s),
             period_s,
         }
     }
@@ -58,12 +46,7 @@ mod tests {
 
     #[test]
     fn a_winding_warms_by_the_first_order_law() {
-        let parameters = WindingParameters {
-            rated_torque_nm: 8.0,
-            rise_at_rated_k: 100.0,
-            time_constant_s: 2400.0,
-        };
-        let settings = WindingSettings::new(&parameters, 1e-3);
+        let settings = WindingSettings::new(8.0, 100.0, 2400.0, 1e-3);
         let mut state = WindingState::default();
         for _ in 0..2_400_000 {
             settings.update(&mut state, 36.0);

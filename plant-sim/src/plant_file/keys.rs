@@ -10,6 +10,7 @@ use crate::cutting::PlantCutting;
 use crate::friction::{ELEMENTS, PlantLaw};
 use crate::lost_motion::JENKINS_ELEMENTS;
 use crate::sliding_curve::SIDE_ROWS_MAX;
+use crate::variation::PlantVariation;
 
 /// The whole plant file.
 #[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
@@ -391,36 +392,6 @@ pub struct PlantMeasuredFriction {
     /// than the fastest on the line through the last two, as far as it rises.
     #[schemars(length(min = 2, max = 2 * SIDE_ROWS_MAX), inner(range(min = -100_000, max = 100_000)), extend("unit" = "N"))]
     pub force_n: Vec<f64>,
-}
-
-/// Friction that is not the same everywhere and always.
-#[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct PlantVariation {
-    /// Share by which friction is higher in positive direction and lower in negative.
-    #[schemars(extend("minimum" = -0.9, "maximum" = 0.9, "default" = 0.0))]
-    pub direction_share: f64,
-    /// Amplitude of a wave with each turn of the screw, as a share of friction.
-    #[schemars(extend("minimum" = 0, "maximum" = 0.45, "default" = 0.0))]
-    pub screw_share: f64,
-    /// Amplitude of a long wave over the travel, as a share of friction.
-    #[schemars(extend("minimum" = 0, "maximum" = 0.45, "default" = 0.0))]
-    pub wave_share: f64,
-    /// Length of that wave.
-    #[schemars(extend("unit" = "mm", "minimum" = 1, "maximum" = 100_000, "default" = 300.0))]
-    pub wave_length_mm: f64,
-    /// What is left of friction once the machine is warm.
-    #[schemars(extend("minimum" = 0.1, "maximum" = 3, "default" = 1.0))]
-    pub warm_share: f64,
-    /// Time constant of the warming up, from the first scan on.
-    #[schemars(extend("unit" = "s", "minimum" = 0.1, "maximum" = 100_000, "default" = 600.0))]
-    pub warm_time_constant_s: f64,
-    /// Share of the rise to break-away friction that rest adds at most (Stribeck of the first motion after a stop).
-    #[schemars(extend("minimum" = 0, "maximum" = 10, "default" = 0.0))]
-    pub rest_share: f64,
-    /// Time constant of that.
-    #[schemars(extend("unit" = "s", "minimum" = 0.01, "maximum" = 10_000, "default" = 5.0))]
-    pub rest_time_constant_s: f64,
 }
 
 /// A mass that swings on the table: a fixture, a column, a tall workpiece. Scale and instruments see the table.

@@ -10,7 +10,7 @@ use crate::plant_file::keys::{MotorFriction, PlantAxis, PlantFile, TableFriction
 use crate::sliding_curve::SlidingCurve;
 use crate::swinging::Swinging;
 use crate::variation::Variation;
-use crate::winding::WindingParameters;
+use crate::winding::WindingSettings;
 
 impl PlantFile {
     /// The axis of this name.
@@ -93,19 +93,10 @@ impl PlantAxis {
                 .any(|talk| talk.friction_share_per_m != 0.0)
             || slips;
         says.then(|| Beyond {
-            variation: self
-                .variation
-                .map_or_else(Variation::default, |v| Variation {
-                    direction_share: v.direction_share,
-                    screw_share: v.screw_share,
-                    lead_m: self.screw.lead_mm * 1e-3,
-                    wave_share: v.wave_share,
-                    wave_length_m: v.wave_length_mm * 1e-3,
-                    warm_share: v.warm_share,
-                    warm_time_constant_s: v.warm_time_constant_s,
-                    rest_share: v.rest_share,
-                    rest_time_constant_s: v.rest_time_constant_s,
-                }),
+            variation: Variation {
+                of: self.variation,
+                lead_m: self.screw.lead_mm * 1e-3,
+            },
             lost_motion: LostMotion::new(
                 self.screw.hysteresis_n,
                 self.screw.hysteresis_um.map(|um| um * 1e-6),
@@ -140,12 +131,11 @@ impl PlantAxis {
     }
 
     /// The winding.
-    pub fn winding(&self) -> WindingParameters {
-        WindingParameters {
-            rated_torque_nm: self.motor.rated_torque_nm,
-            rise_at_rated_k: self.motor.winding_rise_at_rated_k,
-            time_constant_s: self.motor.winding_time_constant_min * 60.0,
-        }
+    pub fn winding(&self, scan_s: f64) -> WindingSettings {
+        let motor = &self.motor;
+        let (rated_nm, rise_k) = (motor.rated_torque_nm, motor.winding_rise_at_rated_k);
+        let time_constant_s = motor.winding_time_constant_min * 60.0;
+        WindingSettings::new(rated_nm, rise_k, time_constant_s, scan_s)
     }
 }
 
