@@ -5,7 +5,7 @@ use machine::settings_file::Rules;
 use crate::mapping;
 use crate::{Device, Esi, Pdo as EsiPdo, Purpose};
 use fieldbus::cia402;
-use fieldbus::drive_file::rules::{Direction, WATCHDOG, directions, place};
+use fieldbus::drive_file::rules::{Direction, WATCHDOG, directions};
 use fieldbus::drive_file::{DriveFile, ManagerPurpose, Mapping};
 use fieldbus::process_data::Pdo;
 
@@ -37,46 +37,34 @@ fn same_device<'a>(rules: &mut Rules<'_>, drive: &DriveFile, esi: &'a Esi) -> Op
         rules.say(&["identity", "vendor"], None, &what);
         return None;
     }
-    let of_product: Vec<&Device> = esi
-        .devices
-        .iter()
-        .filter(|device| device.product_code == identity.product_code)
-        .collect();
+    let devices = esi.devices.iter();
+    let is_of_product = |device: &&Device| device.product_code == identity.product_code;
+    let of_product: Vec<&Device> = devices.clone().filter(is_of_product).collect();
     if of_product.is_empty() {
-        let mut codes: Vec<u32> = esi
-            .devices
-            .iter()
-            .map(|device| device.product_code)
-            .collect();
+        let mut codes: Vec<u32> = devices.map(|device| device.product_code).collect();
         codes.dedup();
-        let what = format!(
-            "= 0x{:08X}: {file} has {}",
-            identity.product_code,
-            hexadecimal(&codes)
-        );
+        let (code, codes) = (identity.product_code, hexadecimal(8, codes));
+        let what = format!("= 0x{code:08X}: {file} has {codes}");
         rules.say(&["identity", "product_code"], None, &what);
         return None;
     }
-    let mut revisions = of_product.iter();
-    let found = revisions.find(|device| device.revision == identity.revision);
+    let revisions = || of_product.iter().map(|device| device.revision);
+    let found = revisions().position(|revision| revision == identity.revision);
     if found.is_none() {
-        let revisions: Vec<u32> = of_product.iter().map(|device| device.revision).collect();
+        let (revision, revisions) = (identity.revision, hexadecimal(8, revisions()));
         let what = format!(
-            "= 0x{:08X}: of this product {file} has {}: make the drive file again with --revision, or take the ESI file of this revision",
-            identity.revision,
-            hexadecimal(&revisions)
+            "= 0x{revision:08X}: of this product {file} has {revisions}: make the drive file again with --revision, or take the ESI file of this revision"
         );
         rules.say(&["identity", "revision"], None, &what);
     }
-    found.copied()
+    of_product.get(found?).copied()
 }
 
-fn hexadecimal(numbers: &[u32]) -> String {
-    let numbers: Vec<String> = numbers
-        .iter()
-        .map(|number| format!("0x{number:08X}"))
-        .collect();
-    numbers.join(", ")
+/// Numbers of so many digits, with commas between.
+fn hexadecimal(digits: usize, numbers: impl IntoIterator<Item: Into<u32>>) -> String {
+    let numbers = numbers.into_iter().map(Into::<u32>::into);
+    let numbers = numbers.map(|number| format!("0x{number:0digits$X}"));
+    numbers.collect::<Vec<_>>().join(", ")
 }
 
 fn judge_direction(
@@ -87,34 +75,24 @@ fn judge_direction(
 ) {
     let receives = direction.key == "receive";
     for (at, pdo) in direction.pdos.iter().enumerate() {
-        let number = (at + 1).to_string();
-        let path = ["process_data", direction.key, &number, "index"];
         let (found, all) = if receives {
             (device.receive_pdo(pdo.index), &device.receive)
         } else {
             (device.transmit_pdo(pdo.index), &device.transmit)
         };
+        let index = pdo.index;
         let Some(of_esi) = found else {
-            let there: Vec<String> = all
-                .iter()
-                .map(|pdo| format!("0x{:04X}", pdo.index))
-                .collect();
-            let what = format!(
-                "= 0x{:04X}: the drive has no such PDO: it has {}",
-                pdo.index,
-                there.join(", ")
-            );
-            rules.say(&path, None, &what);
+            let there = hexadecimal(4, all.iter().map(|pdo| pdo.index));
+            let what = format!("= 0x{index:04X}: the drive has no such PDO: it has {there}");
+            direction.say(rules, at, "index", &what);
             continue;
         };
         judge_exclusion(rules, direction, at, of_esi);
         let assigns = device.mailbox.is_some_and(|mailbox| mailbox.pdo_assign);
         if of_esi.sync_manager.is_none() && !assigns {
-            let what = format!(
-                "= 0x{:04X}: the drive exchanges another PDO, and takes no choice",
-                pdo.index
-            );
-            rules.say(&path, None, &what);
+            let what =
+                format!("= 0x{index:04X}: the drive exchanges another PDO, and takes no choice");
+            direction.say(rules, at, "index", &what);
         }
         match direction.mapping {
             Mapping::Written => {
@@ -132,16 +110,11 @@ fn judge_direction(
 fn judge_exclusion(rules: &mut Rules<'_>, direction: &Direction<'_>, at: usize, of_esi: &EsiPdo) {
     let mut before = direction.pdos.iter().take(at);
     if let Some(other) = before.find(|other| of_esi.excludes.contains(&other.index)) {
-        let number = (at + 1).to_string();
         let what = format!(
             "= 0x{:04X}: the drive does not exchange it together with 0x{:04X}; leave out one of the two",
             of_esi.index, other.index
         );
-        rules.say(
-            &["process_data", direction.key, &number, "index"],
-            None,
-            &what,
-        );
+        direction.say(rules, at, "index", &what);
     }
 }
 
@@ -171,34 +144,26 @@ fn judge_objects(rules: &mut Rules<'_>, direction: &Direction<'_>, at: usize, de
         if entry.is_gap() {
             continue;
         }
-        let [pdo_number, entry_number] = place(at, entry_at);
-        let path = [
-            "process_data",
-            direction.key,
-            &pdo_number,
-            "entries",
-            &entry_number,
-        ];
+        let mut say = |what: &str| direction.say_of_entry(rules, [at, entry_at], what);
         let object = cia402::named(entry.index, entry.sub);
         let Some(known) = device.object(entry.index, entry.sub) else {
-            let what = format!("is {object}: the drive has no such object; remove the entry");
-            rules.say(&path, None, &what);
+            say(&format!(
+                "is {object}: the drive has no such object; remove the entry"
+            ));
             continue;
         };
-        if known.bits != 0 && known.bits != entry.bits {
-            let what = format!(
-                "is {object} with {} bits: it has {}",
-                entry.bits, known.bits
-            );
-            rules.say(&path, None, &what);
+        let (bits, right) = (entry.bits, known.bits);
+        if right != 0 && right != bits {
+            say(&format!("is {object} with {bits} bits: it has {right}"));
         }
-        let receives = direction.key == "receive";
-        if (receives && !known.receive) || (!receives && !known.transmit) {
-            let where_to = if receives { "receives" } else { "transmits" };
-            let what = format!(
+        let (may, where_to) = match direction.key {
+            "receive" => (known.receive, "receives"),
+            _ => (known.transmit, "transmits"),
+        };
+        if !may {
+            say(&format!(
                 "is {object}: the drive does not let it be mapped into what it {where_to}; remove the entry"
-            );
-            rules.say(&path, None, &what);
+            ));
         }
     }
 }
@@ -211,17 +176,8 @@ fn judge_fixed(
     pdo: &Pdo,
     of_esi: &EsiPdo,
 ) {
-    let number = (at + 1).to_string();
     let expected = |entry_at: usize| of_esi.entries.get(entry_at);
     for (entry_at, entry) in pdo.entries.iter().enumerate() {
-        let [pdo_number, entry_number] = place(at, entry_at);
-        let path = [
-            "process_data",
-            direction.key,
-            &pdo_number,
-            "entries",
-            &entry_number,
-        ];
         let found = entry.words();
         let what = match expected(entry_at) {
             Some(of_esi) => {
@@ -239,7 +195,7 @@ fn judge_fixed(
             ),
         };
         // What follows is shifted, and would be wrong too.
-        return rules.say(&path, None, &what);
+        return direction.say_of_entry(rules, [at, entry_at], &what);
     }
     if let Some(lacking) = expected(pdo.entries.len()) {
         let is = fieldbus::process_data::Entry::of(lacking.index, lacking.sub, lacking.bits);
@@ -247,21 +203,16 @@ fn judge_fixed(
             "ends before {}, which the fixed PDO has; add it",
             is.words()
         );
-        rules.say(
-            &["process_data", direction.key, &number, "entries"],
-            None,
-            &what,
-        );
+        direction.say(rules, at, "entries", &what);
     }
 }
 
 fn judge_limits(rules: &mut Rules<'_>, drive: &DriveFile, device: &Device) {
-    for (direction, purpose, assign) in directions(&drive.process_data)
-        .iter()
-        .zip([Purpose::Outputs, Purpose::Inputs])
-        .zip([cia402::RECEIVE_ASSIGN, cia402::TRANSMIT_ASSIGN])
-        .map(|((direction, purpose), assign)| (direction, purpose, assign))
-    {
+    let purposes = [
+        (Purpose::Outputs, cia402::RECEIVE_ASSIGN),
+        (Purpose::Inputs, cia402::TRANSMIT_ASSIGN),
+    ];
+    for (direction, (purpose, assign)) in directions(&drive.process_data).iter().zip(purposes) {
         let key = direction.key;
         let manager = device.sync_manager(purpose);
         let bytes_max = manager.and_then(|manager| manager.size_max).map(u32::from);
@@ -272,24 +223,18 @@ fn judge_limits(rules: &mut Rules<'_>, drive: &DriveFile, device: &Device) {
         let entries_max = written
             .filter_map(|pdo| mapping::entries_max(device, pdo.index))
             .min();
+        let pdos_max = mapping::entries_max(device, assign);
         for (name, found, most) in [
             ("entries", direction.entries_max, entries_max),
-            (
-                "pdos",
-                direction.pdos_max,
-                mapping::entries_max(device, assign),
-            ),
+            ("pdos", direction.pdos_max, pdos_max),
             ("bytes", direction.bytes_max, bytes_max),
         ] {
             let Some(most) = most.filter(|most| found.is_none_or(|found| found > *most)) else {
                 continue;
             };
-            let found = found.map_or(" is left out".to_string(), |found| format!("= {found}"));
+            let found = found.map_or("is left out".into(), |found| format!("= {found}"));
             let key = format!("{key}_{name}");
-            let what = format!(
-                "{}: the drive takes {most}; write {most}",
-                found.trim_start()
-            );
+            let what = format!("{found}: the drive takes {most}; write {most}");
             rules.say(&["process_data", "limits", &key], None, &what);
         }
     }
@@ -321,19 +266,13 @@ fn judge_start_up(rules: &mut Rules<'_>, drive: &DriveFile, device: &Device) {
         let path = ["start_up", "sdo", &number];
         let object = cia402::named(sdo.index, sdo.sub);
         let Some(known) = device.object(sdo.index, sdo.sub) else {
-            rules.say(
-                &path,
-                None,
-                &format!("writes {object}: the drive has no such object; remove it"),
-            );
+            let what = format!("writes {object}: the drive has no such object; remove it");
+            rules.say(&path, None, &what);
             continue;
         };
         if known.writable == Some(false) {
-            rules.say(
-                &path,
-                None,
-                &format!("writes {object}: the drive lets it be read only; remove it"),
-            );
+            let what = format!("writes {object}: the drive lets it be read only; remove it");
+            rules.say(&path, None, &what);
         }
         if known.bits != 0 && known.bits != sdo.bits {
             let what = format!("= {} bits: {object} has {}", sdo.bits, known.bits);
@@ -358,12 +297,8 @@ fn judge_mode(rules: &mut Rules<'_>, drive: &DriveFile, device: &Device) {
         return;
     }
     if !supported.is_empty() && !supported.contains(&mode.as_drive_mode()) {
-        let can: Vec<&str> = supported.iter().map(|mode| mode.word()).collect();
-        let what = format!(
-            "= \"{}\": the drive supports {} (6502)",
-            mode.word(),
-            can.join(", ")
-        );
+        let (mode, can) = (mode.word(), cia402::DriveMode::words(&supported));
+        let what = format!("= \"{mode}\": the drive supports {can} (6502)");
         rules.say(&["mode", "operate"], None, &what);
     }
 }
@@ -374,24 +309,20 @@ fn judge_mailbox(rules: &mut Rules<'_>, drive: &DriveFile, device: &Device) {
         return;
     };
     let own = &drive.mailbox;
-    for (key, found, is) in [
-        (
-            "complete_access",
-            own.complete_access,
-            known.complete_access,
-        ),
-        ("pdo_assign", own.pdo_assign, known.pdo_assign),
-        ("pdo_config", own.pdo_config, known.pdo_config),
-        ("sdo_info", own.sdo_info, known.sdo_info),
-    ] {
+    let mut differs = |key: &str, found: bool, is: bool| {
         if found != is {
-            rules.say(
-                &["mailbox", key],
-                None,
-                &format!("= {found}: the drive has {is}; write {is}"),
-            );
+            let what = format!("= {found}: the drive has {is}; write {is}");
+            rules.say(&["mailbox", key], None, &what);
         }
-    }
+    };
+    differs(
+        "complete_access",
+        own.complete_access,
+        known.complete_access,
+    );
+    differs("pdo_assign", own.pdo_assign, known.pdo_assign);
+    differs("pdo_config", own.pdo_config, known.pdo_config);
+    differs("sdo_info", own.sdo_info, known.sdo_info);
 }
 
 fn judge_sync_managers(rules: &mut Rules<'_>, drive: &DriveFile, device: &Device) {
@@ -400,12 +331,8 @@ fn judge_sync_managers(rules: &mut Rules<'_>, drive: &DriveFile, device: &Device
         let what = format!("is there {found} times: the drive has {known} sync managers");
         rules.say(&["sync_manager"], None, &what);
     }
-    for (at, (own, known)) in drive
-        .sync_managers
-        .iter()
-        .zip(&device.sync_managers)
-        .enumerate()
-    {
+    let pairs = drive.sync_managers.iter().zip(&device.sync_managers);
+    for (at, (own, known)) in pairs.enumerate() {
         let number = (at + 1).to_string();
         let mut differs = |key: &str, found: u32, is: u32| {
             if found != is {
@@ -415,16 +342,12 @@ fn judge_sync_managers(rules: &mut Rules<'_>, drive: &DriveFile, device: &Device
         };
         differs("start", own.start.into(), known.start.into());
         // The watchdog of the outputs may be switched on where the vendor leaves it off.
-        let watchdog = if own.purpose == ManagerPurpose::Outputs {
-            own.control & WATCHDOG
-        } else {
-            0
+        let watchdog = match own.purpose {
+            ManagerPurpose::Outputs => own.control & WATCHDOG,
+            _ => 0,
         };
-        differs(
-            "control",
-            own.control.into(),
-            (known.control | watchdog).into(),
-        );
+        let control = known.control | watchdog;
+        differs("control", own.control.into(), control.into());
         let is_mailbox =
             [ManagerPurpose::MailboxOut, ManagerPurpose::MailboxIn].contains(&own.purpose);
         if is_mailbox {
@@ -438,15 +361,10 @@ fn judge_sync_modes(rules: &mut Rules<'_>, drive: &DriveFile, device: &Device) {
         let mut known = device.sync_modes.iter();
         if !known.any(|known| known.assign_activate == mode.assign_activate) {
             let number = (at + 1).to_string();
-            let all: Vec<String> = device
-                .sync_modes
-                .iter()
-                .map(|known| format!("0x{:04X}", known.assign_activate))
-                .collect();
-            let all = if all.is_empty() {
-                "none".into()
-            } else {
-                all.join(", ")
+            let all = device.sync_modes.iter();
+            let all = match hexadecimal(4, all.map(|known| known.assign_activate)) {
+                none if none.is_empty() => "none".into(),
+                all => all,
             };
             let found = mode.assign_activate;
             let what =

@@ -88,9 +88,7 @@ impl Dictionary {
         let type_name = text_of(node, "Type").unwrap_or_default();
         let name = text_of(node, "Name").unwrap_or_default();
         let of_type = types.get(type_name).copied();
-        let subs = of_type
-            .map(|of_type| subs(of_type, types))
-            .unwrap_or_default();
+        let subs = of_type.map_or(Vec::new(), |of_type| subs(of_type, types));
         if subs.is_empty() {
             let bits = number_of(node, "BitSize").or_else(|| bits_of(type_name, types));
             let mut object = Object {
@@ -108,11 +106,10 @@ impl Dictionary {
         let infos: Vec<Node<'_, '_>> = child(node, "Info")
             .map(|info| children(info, "SubItem").collect())
             .unwrap_or_default();
-        for (place, sub) in subs.into_iter().enumerate() {
-            let mut object = sub.object;
+        for (place, (sub, mut object, signed)) in subs.into_iter().enumerate() {
             let info = infos.get(place);
             if let Some(info) = info.and_then(|item| child(*item, "Info")) {
-                object.take_values(info, sub.signed);
+                object.take_values(info, signed);
             }
             if object.writable.is_none() {
                 object.take_flags(node);
@@ -121,7 +118,7 @@ impl Dictionary {
                 "" => name.to_string(),
                 own => format!("{name}: {own}"),
             };
-            self.objects.insert((index, sub.sub), object);
+            self.objects.insert((index, sub), object);
         }
     }
 }
@@ -129,11 +126,8 @@ impl Dictionary {
 type Types<'a> = BTreeMap<&'a str, Node<'a, 'a>>;
 
 /// A sub-index of a data type.
-struct Sub {
-    sub: u8,
-    object: Object,
-    signed: bool,
-}
+/// Number of a subindex, what is there, and whether its values are signed.
+type Sub = (u8, Object, bool);
 
 /// The sub-indexes of a record or an array, in their order; none of a plain type.
 fn subs<'a>(of_type: Node<'a, 'a>, types: &Types<'a>) -> Vec<Sub> {
@@ -147,12 +141,7 @@ fn subs<'a>(of_type: Node<'a, 'a>, types: &Types<'a>) -> Vec<Sub> {
         };
         object.take_flags(item);
         if let Some(sub) = number_of::<u8>(item, "SubIdx") {
-            let signed = is_signed(type_name);
-            found.push(Sub {
-                sub,
-                object,
-                signed,
-            });
+            found.push((sub, object, is_signed(type_name)));
             continue;
         }
         // What has no sub-index is an array: all of its elements.
@@ -162,20 +151,11 @@ fn subs<'a>(of_type: Node<'a, 'a>, types: &Types<'a>) -> Vec<Sub> {
         };
         let first = number_of::<u8>(info, "LBound").unwrap_or(1);
         let count = number_of::<u8>(info, "Elements").unwrap_or(0);
-        let base = array
-            .and_then(|array| text_of(array, "BaseType"))
-            .unwrap_or_default();
+        let base = array.and_then(|array| text_of(array, "BaseType"));
+        let signed = is_signed(base.unwrap_or_default());
         object.bits = object.bits.checked_div(u32::from(count)).unwrap_or(0);
-        for place in 0..count {
-            let sub = first.saturating_add(place);
-            let object = object.clone();
-            let signed = is_signed(base);
-            found.push(Sub {
-                sub,
-                object,
-                signed,
-            });
-        }
+        let subs = (0..count).map(|place| first.saturating_add(place));
+        found.extend(subs.map(|sub| (sub, object.clone(), signed)));
     }
     found.truncate(SUBS_MAX);
     found
@@ -191,9 +171,7 @@ fn is_signed(type_name: &str) -> bool {
 
 /// The size of a type that the file declares.
 fn bits_of(type_name: &str, types: &Types<'_>) -> Option<u32> {
-    types
-        .get(type_name)
-        .and_then(|of_type| number_of(*of_type, "BitSize"))
+    number_of(*types.get(type_name)?, "BitSize")
 }
 
 impl Object {
@@ -204,9 +182,7 @@ impl Object {
         };
         let of = |name| {
             let found = flags.children().find(|n| n.tag_name().name() == name);
-            found
-                .and_then(|n| n.text())
-                .map(|text| text.trim().to_ascii_lowercase())
+            Some(found?.text()?.trim().to_ascii_lowercase())
         };
         if let Some(access) = of("Access") {
             self.writable = Some(access.contains('w'));

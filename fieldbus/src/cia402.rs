@@ -107,15 +107,13 @@ pub fn standard(index: u16, sub: u8) -> Option<(&'static str, u32)> {
 
 /// Whether an object in process data holds the drive back while it is 0.
 pub fn is_limit(index: u16) -> bool {
-    let limits = [
+    let of_torque = [
         MAX_TORQUE,
-        MAX_PROFILE_VELOCITY,
         POSITIVE_TORQUE_LIMIT,
         NEGATIVE_TORQUE_LIMIT,
         MAX_CURRENT,
-        MAX_MOTOR_SPEED,
     ];
-    limits.contains(&index)
+    of_torque.contains(&index) || [MAX_PROFILE_VELOCITY, MAX_MOTOR_SPEED].contains(&index)
 }
 
 /// An object as messages name it: `6040`, `60C2:1`, with its name where that is known.

@@ -35,10 +35,8 @@ pub fn load(machine: &Machine, machine_file: &Path) -> anyhow::Result<Option<Set
     let shown = machine_file.display();
     for (index, axis) in machine.axes.iter().enumerate() {
         let named = axis.drive.as_ref();
-        let file = &named
-            .with_context(|| format!("{shown}: axis {} has no drive", axis.name))?
-            .file;
-        let path = folder.join(file);
+        let named = named.with_context(|| format!("{shown}: axis {} has no drive", axis.name))?;
+        let path = folder.join(&named.file);
         let judged = drive_file::load(&path, |_, _| ())?;
         let path = path.display();
         for warning in judged.warnings {
@@ -60,10 +58,9 @@ pub fn load(machine: &Machine, machine_file: &Path) -> anyhow::Result<Option<Set
                 DriveMode::Torque => "torque",
                 DriveMode::Position => "position",
             };
+            let (axis, operate) = (&axis.name, drive.mode.operate.word());
             bail!(
-                "{shown}: axis {}: drive_mode must be \"{key}\": its drive file has mode.operate = \"{}\"",
-                axis.name,
-                drive.mode.operate.word()
+                "{shown}: axis {axis}: drive_mode must be \"{key}\": its drive file has mode.operate = \"{operate}\""
             );
         }
         judge_inputs(axis, &drive).with_context(|| shown.to_string())?;
@@ -88,10 +85,8 @@ pub fn load(machine: &Machine, machine_file: &Path) -> anyhow::Result<Option<Set
 
 /// Inputs of the drive that are inputs of the machine come in each cycle.
 fn judge_inputs(axis: &Axis, drive: &DriveFile) -> anyhow::Result<()> {
-    let wanted = axis
-        .drive
-        .as_ref()
-        .is_some_and(|drive| !drive.input_bits.is_empty());
+    let named = axis.drive.as_ref();
+    let wanted = named.is_some_and(|drive| !drive.input_bits.is_empty());
     let mapped = process_data::find(&drive.process_data.transmit, cia402::DIGITAL_INPUTS, 0);
     if wanted && mapped.is_none() {
         bail!(

@@ -36,7 +36,7 @@ pub fn scan(options: &BusScanOptions) -> Outcome {
 /// Opens an interface that no cell drives.
 pub(crate) fn open(interface: &str) -> Result<(Claim, Rc<Socket>), Failure> {
     if !start_up::BUILT {
-        return Err(StartUpError::NotBuilt).environment();
+        return Err(StartUpError::not_built()).environment();
     }
     let claim = Claim::of(interface).environment()?;
     let socket = Socket::open(interface).environment()?;

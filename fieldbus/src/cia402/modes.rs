@@ -62,6 +62,12 @@ impl DriveMode {
         all.find(|(mode, _, _)| *mode == self)
             .map_or("", |(_, _, word)| word)
     }
+
+    /// Words of several, with commas between.
+    pub fn words(modes: &[DriveMode]) -> String {
+        let words: Vec<&str> = modes.iter().map(|mode| mode.word()).collect();
+        words.join(", ")
+    }
 }
 
 /// A mode in which the controller can drive an axis.
@@ -69,12 +75,12 @@ impl DriveMode {
 #[serde(rename_all = "kebab-case")]
 pub enum OperatingMode {
     /// Cyclic synchronous velocity: the controller closes the position loop and adds torque (60B2) where the drive takes it.
-    Csv,
+    Csv = 9,
     /// Cyclic synchronous torque: the controller closes all loops but that of the current.
-    Cst,
+    Cst = 10,
     /// Cyclic synchronous position: the drive closes the position loop; the controller adds velocity (60B1) and torque (60B2) where it
     /// takes them.
-    Csp,
+    Csp = 8,
 }
 
 impl OperatingMode {
@@ -84,11 +90,7 @@ impl OperatingMode {
 
     /// Its value of object 6060.
     pub fn value(self) -> i64 {
-        match self {
-            OperatingMode::Csp => 8,
-            OperatingMode::Csv => 9,
-            OperatingMode::Cst => 10,
-        }
+        self as i64
     }
 
     /// The same as a drive reports it.

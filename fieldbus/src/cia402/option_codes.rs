@@ -4,17 +4,18 @@ use super::{ABORT_CONNECTION, DISABLE_OPERATION, FAULT_REACTION, HALT, QUICK_STO
 
 /// An object that says how the drive reacts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u16)]
 pub enum OptionCode {
     /// 605A: the order quick stop.
-    QuickStop,
+    QuickStop = QUICK_STOP,
     /// 605C: the order disable operation.
-    DisableOperation,
+    DisableOperation = DISABLE_OPERATION,
     /// 605D: the halt bit.
-    Halt,
+    Halt = HALT,
     /// 605E: a fault.
-    FaultReaction,
+    FaultReaction = FAULT_REACTION,
     /// 6007: the bus falls silent.
-    AbortConnection,
+    AbortConnection = ABORT_CONNECTION,
 }
 
 /// What becomes of an axis that moves.
@@ -65,13 +66,7 @@ impl OptionCode {
 
     /// Its object.
     pub fn index(self) -> u16 {
-        match self {
-            OptionCode::QuickStop => QUICK_STOP,
-            OptionCode::DisableOperation => DISABLE_OPERATION,
-            OptionCode::Halt => HALT,
-            OptionCode::FaultReaction => FAULT_REACTION,
-            OptionCode::AbortConnection => ABORT_CONNECTION,
-        }
+        self as u16
     }
 
     /// Its key in a drive file.
@@ -107,10 +102,8 @@ impl OptionCode {
             (OptionCode::AbortConnection, 1) => Effect::Fault,
             (OptionCode::AbortConnection, 2) => Effect::Coasts,
             (OptionCode::AbortConnection, 3) => Effect::Braked,
-            (
-                OptionCode::QuickStop | OptionCode::DisableOperation | OptionCode::FaultReaction,
-                0,
-            ) => Effect::Coasts,
+            (OptionCode::Halt, 0) => Effect::Unknown,
+            (_, 0) => Effect::Coasts,
             _ => Effect::Unknown,
         }
     }

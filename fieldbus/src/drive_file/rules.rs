@@ -2,7 +2,7 @@
 
 use machine::settings_file::Rules;
 
-use crate::cia402::{self, Effect, OperatingMode, OptionCode};
+use crate::cia402::{self, DriveMode, Effect, OperatingMode, OptionCode};
 use crate::drive_file::keys::{DriveFile, ManagerPurpose, Mapping, ProcessData};
 use crate::process_data::{self, Pdo};
 
@@ -38,6 +38,21 @@ pub struct Direction<'a> {
     pub bytes_max: Option<u32>,
 }
 
+impl Direction<'_> {
+    /// Says what is wrong with a key of a PDO, by its place.
+    pub fn say(&self, rules: &mut Rules<'_>, at: usize, key: &str, what: &str) {
+        let number = (at + 1).to_string();
+        rules.say(&["process_data", self.key, &number, key], None, what);
+    }
+
+    /// Says what is wrong with an entry of a PDO, by their places.
+    pub fn say_of_entry(&self, rules: &mut Rules<'_>, at: [usize; 2], what: &str) {
+        let [pdo, entry] = at.map(|at| (at + 1).to_string());
+        let path = ["process_data", self.key, &pdo, "entries", &entry];
+        rules.say(&path, None, what);
+    }
+}
+
 /// Both directions of the process data.
 pub fn directions(data: &ProcessData) -> [Direction<'_>; 2] {
     let limits = &data.limits;
@@ -61,58 +76,30 @@ pub fn directions(data: &ProcessData) -> [Direction<'_>; 2] {
     ]
 }
 
-/// The place of an entry, each number counted from 1.
-pub fn place(pdo: usize, entry: usize) -> [String; 2] {
-    [(pdo + 1).to_string(), (entry + 1).to_string()]
-}
-
 fn judge_scaling(rules: &mut Rules<'_>, drive: &DriveFile) {
     let scaling = &drive.scaling;
-    let mut fill_in = |key: &str, missing: bool, what: &str| {
-        if missing {
-            rules.say(
-                &["scaling", key],
-                None,
-                &format!("is not filled in: {what}"),
-            );
-        }
-    };
-    fill_in(
-        "position_increments",
-        scaling.position_increments == 0,
-        "write the increments of the position (6064) in one turn of the motor, from 608F and 6091 or the data sheet",
-    );
-    fill_in(
-        "velocity_units",
-        scaling.velocity_units == 0,
-        "write the value of the velocity (606C) at velocity_rpm: at 60 the increments of one turn where the drive counts increments/s",
-    );
-    fill_in(
-        "rated_torque_nm",
-        scaling.rated_torque_nm == 0.0,
-        "write the rated torque of the motor in N·m, from its data sheet or 6076",
-    );
-    fill_in(
-        "direction",
-        scaling.direction == 0,
-        "write 1 where the drive counts up in the positive direction of the axis, -1 where it counts down",
-    );
-    fill_in(
-        "dead_time_scans",
-        scaling.dead_time_scans == 0,
-        "write 2 for a drive that follows SYNC0, 1 for one that does not, and more where the drive adds its own",
-    );
+    #[rustfmt::skip] // a table
+    let keys = [
+        ("position_increments", scaling.position_increments == 0, "write the increments of the position (6064) in one turn of the motor, from 608F and 6091 or the data sheet"),
+        ("velocity_units", scaling.velocity_units == 0, "write the value of the velocity (606C) at velocity_rpm: at 60 the increments of one turn where the drive counts increments/s"),
+        ("rated_torque_nm", scaling.rated_torque_nm == 0.0, "write the rated torque of the motor in N·m, from its data sheet or 6076"),
+        ("direction", scaling.direction == 0, "write 1 where the drive counts up in the positive direction of the axis, -1 where it counts down"),
+        ("dead_time_scans", scaling.dead_time_scans == 0, "write 2 for a drive that follows SYNC0, 1 for one that does not, and more where the drive adds its own"),
+    ];
+    for (key, _, what) in keys.into_iter().filter(|(_, missing, _)| *missing) {
+        let what = format!("is not filled in: {what}");
+        rules.say(&["scaling", key], None, &what);
+    }
 }
 
 fn judge_mode(rules: &mut Rules<'_>, drive: &DriveFile) {
     let mode = drive.mode.operate;
     let supported = &drive.mode.supported;
     if !supported.is_empty() && !supported.contains(&mode.as_drive_mode()) {
-        let can: Vec<&str> = supported.iter().map(|mode| mode.word()).collect();
         let what = format!(
             "= \"{}\": the drive supports {}",
             mode.word(),
-            can.join(", ")
+            DriveMode::words(supported)
         );
         rules.say(&["mode", "operate"], None, &what);
     }
@@ -150,18 +137,13 @@ fn judge_process_data(rules: &mut Rules<'_>, drive: &DriveFile) {
         }
         judge_limits(rules, &direction);
         for (at, pdo) in direction.pdos.iter().enumerate() {
-            let number = (at + 1).to_string();
             let transmits = pdo.index >= TRANSMIT_FIRST;
             if transmits != (direction.key == "transmit") {
                 let what = format!(
                     "= 0x{:04X}: PDOs that a drive receives are 0x1600 to 0x17FF, those that it transmits 0x1A00 to 0x1BFF",
                     pdo.index
                 );
-                rules.say(
-                    &["process_data", direction.key, &number, "index"],
-                    None,
-                    &what,
-                );
+                direction.say(rules, at, "index", &what);
             }
             judge_entries(rules, &direction, at);
         }
@@ -195,11 +177,10 @@ fn judge_limits(rules: &mut Rules<'_>, direction: &Direction<'_>) {
             .entries_max
             .filter(|most| written && count > *most as usize);
         if let Some(most) = most {
-            let number = (at + 1).to_string();
             let what = format!(
                 "has {count} entries: the drive takes {most}; leave out what the mode does not need"
             );
-            rules.say(&[path[0], path[1], &number, "entries"], None, &what);
+            direction.say(rules, at, "entries", &what);
         }
     }
 }
@@ -209,34 +190,27 @@ fn judge_entries(rules: &mut Rules<'_>, direction: &Direction<'_>, pdo_at: usize
         return;
     };
     for (entry_at, entry) in pdo.entries.iter().enumerate() {
-        let [pdo_number, entry_number] = place(pdo_at, entry_at);
-        let path = [
-            "process_data",
-            direction.key,
-            &pdo_number,
-            "entries",
-            &entry_number,
-        ];
-        let mut say = |what: &str| rules.say(&path, None, what);
+        let mut say = |object: String, what: &str| {
+            direction.say_of_entry(rules, [pdo_at, entry_at], &format!("is {object} {what}"));
+        };
+        let object = || cia402::number(entry.index, entry.sub);
         let standard = cia402::standard(entry.index, entry.sub);
         if let Some((name, bits)) = standard.filter(|(_, bits)| *bits != entry.bits) {
-            let object = cia402::number(entry.index, entry.sub);
             let found = entry.bits;
-            say(&format!(
-                "is {object} ({name}) with {found} bits: it has {bits}"
-            ));
+            say(
+                object(),
+                &format!("({name}) with {found} bits: it has {bits}"),
+            );
         }
         if !entry.is_gap() && stood_before(direction.pdos, pdo_at, entry_at) {
-            let object = cia402::number(entry.index, entry.sub);
-            say(&format!(
-                "is {object} once more: each object is in the process data once"
-            ));
+            say(
+                object(),
+                "once more: each object is in the process data once",
+            );
         }
         if direction.key == "receive" && cia402::is_limit(entry.index) && entry.value == 0 {
-            let object = cia402::named(entry.index, entry.sub);
-            say(&format!(
-                "is {object} with value 0: the drive would be held back to 0; add value = …"
-            ));
+            let what = "with value 0: the drive would be held back to 0; add value = …";
+            say(cia402::named(entry.index, entry.sub), what);
         }
     }
 }
@@ -259,30 +233,30 @@ fn judge_start_up(rules: &mut Rules<'_>, drive: &DriveFile) {
     for (at, sdo) in drive.start_up.sdos.iter().enumerate() {
         let number = (at + 1).to_string();
         let object = cia402::named(sdo.index, sdo.sub);
-        if ![8, 16, 32].contains(&sdo.bits) {
-            let what = format!("= {} bits: must be 8, 16 or 32", sdo.bits);
-            rules.say(&["start_up", "sdo", &number, "bits"], None, &what);
+        let (value, bits) = (sdo.value, sdo.bits);
+        let mut say = |key, what: &str| rules.say(&["start_up", "sdo", &number, key], None, what);
+        if ![8, 16, 32].contains(&bits) {
+            say("bits", &format!("= {bits} bits: must be 8, 16 or 32"));
             continue;
         }
         let standard = cia402::standard(sdo.index, sdo.sub);
-        if let Some((_, bits)) = standard.filter(|(_, bits)| *bits != sdo.bits) {
-            let what = format!("= {} bits: {object} has {bits}", sdo.bits);
-            rules.say(&["start_up", "sdo", &number, "bits"], None, &what);
+        if let Some((_, right)) = standard.filter(|(_, right)| *right != bits) {
+            say("bits", &format!("= {bits} bits: {object} has {right}"));
         }
-        let (low, high) = (-(1_i64 << (sdo.bits - 1)), (1_i64 << sdo.bits) - 1);
-        if !(low..=high).contains(&sdo.value) {
-            let what = format!("= {}: does not fit into {} bits", sdo.value, sdo.bits);
-            rules.say(&["start_up", "sdo", &number, "value"], None, &what);
+        let (low, high) = (-(1_i64 << (bits - 1)), (1_i64 << bits) - 1);
+        if !(low..=high).contains(&value) {
+            say(
+                "value",
+                &format!("= {value}: does not fit into {bits} bits"),
+            );
         }
         let mode = drive.mode.operate;
-        if sdo.index == cia402::MODE && sdo.value != mode.value() {
-            let what = format!(
-                "= {}: mode.operate = \"{}\" is {}",
-                sdo.value,
-                mode.word(),
-                mode.value()
+        if sdo.index == cia402::MODE && value != mode.value() {
+            let (word, right) = (mode.word(), mode.value());
+            say(
+                "value",
+                &format!("= {value}: mode.operate = \"{word}\" is {right}"),
             );
-            rules.say(&["start_up", "sdo", &number, "value"], None, &what);
         }
         let start_up = &drive.start_up;
         let set_anyway = match sdo.index {
@@ -388,10 +362,9 @@ pub fn warnings(drive: &DriveFile) -> Vec<String> {
     let mut warnings = Vec::new();
     let mode = drive.mode.operate;
     let data = &drive.process_data;
-    for index in process_data::missing(&data.receive, mode.receive_wanted()) {
-        warnings.extend(lack_of(index, mode));
-    }
-    for index in process_data::missing(&data.transmit, mode.transmit_wanted()) {
+    let received = process_data::missing(&data.receive, mode.receive_wanted());
+    let transmitted = process_data::missing(&data.transmit, mode.transmit_wanted());
+    for index in received.into_iter().chain(transmitted) {
         warnings.extend(lack_of(index, mode));
     }
     if drive.mode.supported.is_empty() {

@@ -46,6 +46,13 @@ fn field(pdos: &[Pdo], index: u16) -> Option<Field> {
     })
 }
 
+/// Writes where the drive takes it.
+fn write(field: Option<Field>, own: &mut [u8], value: i64) {
+    if let Some(field) = field {
+        field.write_signed(own, value);
+    }
+}
+
 impl Fields {
     /// Of a drive file; none if it has no controlword, statusword or position, which its rules refuse.
     fn of(drive: &DriveFile) -> Option<Fields> {
@@ -232,18 +239,15 @@ impl DriveAxis {
         }
         match *command {
             DriveCommand::Velocity {
-                velocity_mm_s,
+                velocity_mm_s: mm_s,
                 torque_offset_nm,
-            } => {
-                self.commanded_mm_s = velocity_mm_s;
-                torque_offset_nm
             }
-            DriveCommand::Position {
-                velocity_offset_mm_s,
+            | DriveCommand::Position {
+                velocity_offset_mm_s: mm_s,
                 torque_offset_nm,
                 ..
             } => {
-                self.commanded_mm_s = velocity_offset_mm_s;
+                self.commanded_mm_s = mm_s;
                 torque_offset_nm
             }
             DriveCommand::Torque { torque_nm } => torque_nm,
@@ -290,18 +294,10 @@ impl DriveAxis {
                 let wanted = self.commanded_mm_s * self.units.velocity_per_mm_s + self.left_over;
                 let sent = libm::round(wanted);
                 self.left_over = wanted - sent;
-                if let Some(field) = self.fields.target_velocity {
-                    field.write_signed(own, sent as i64);
-                }
-                if let Some(field) = self.fields.torque_offset {
-                    field.write_signed(own, torque);
-                }
+                write(self.fields.target_velocity, own, sent as i64);
+                write(self.fields.torque_offset, own, torque);
             }
-            OperatingMode::Cst => {
-                if let Some(field) = self.fields.target_torque {
-                    field.write_signed(own, torque);
-                }
-            }
+            OperatingMode::Cst => write(self.fields.target_torque, own, torque),
             OperatingMode::Csp => self.write_position_target(own, position_mm, torque),
         }
     }
@@ -310,28 +306,17 @@ impl DriveAxis {
     fn write_position_target(&mut self, own: &mut [u8], target: Option<f64>, torque: i64) {
         let velocity_mm_s = self.commanded_mm_s;
         let increments_per_mm = 1.0 / self.units.mm_per_increment;
-        let target = match target {
-            Some(position_mm) => self
-                .target
-                .set(self.counted, position_mm * increments_per_mm),
-            None => self.target.go_on(
-                self.counted,
-                velocity_mm_s * self.scan_s * increments_per_mm,
-            ),
+        let step = velocity_mm_s * self.scan_s * increments_per_mm;
+        let target = match target.map(|position_mm| position_mm * increments_per_mm) {
+            Some(position) => self.target.set(self.counted, position),
+            None => self.target.go_on(self.counted, step),
         };
         if let Some(field) = self.fields.target_position {
             field.write(own, target as u32);
         }
         let velocity = libm::round(velocity_mm_s * self.units.velocity_per_mm_s) as i64;
-        let offsets = [
-            (self.fields.velocity_offset, velocity),
-            (self.fields.torque_offset, torque),
-        ];
-        for (field, value) in offsets {
-            if let Some(field) = field {
-                field.write_signed(own, value);
-            }
-        }
+        write(self.fields.velocity_offset, own, velocity);
+        write(self.fields.torque_offset, own, torque);
     }
 
     /// Targets that move nothing: no velocity, no torque, the position where it is.
@@ -357,10 +342,8 @@ impl DriveAxis {
             return;
         }
         let from = usize::from(wiring.inputs_at);
-        let own = inputs
-            .image
-            .get(from..from + usize::from(wiring.input_bytes));
-        let Some(own) = own else {
+        let to = from + usize::from(wiring.input_bytes);
+        let Some(own) = inputs.image.get(from..to) else {
             self.lose(0);
             return;
         };
@@ -375,10 +358,9 @@ impl DriveAxis {
             self.counted = raw.into();
         }
         let step = raw.wrapping_sub(self.counted as i32);
-        self.counted = if self.seen {
-            self.counted.saturating_add(step.into())
-        } else {
-            raw.into()
+        self.counted = match self.seen {
+            true => self.counted.saturating_add(step.into()),
+            false => raw.into(),
         };
         let position_mm = self.counted as f64 * self.units.mm_per_increment;
         let differs_mm = position_mm - self.shown.motor_position_mm;

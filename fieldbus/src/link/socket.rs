@@ -18,28 +18,9 @@ const IGNORE_OUTGOING: libc::c_int = 23;
 #[derive(Debug, thiserror::Error)]
 pub enum LinkError {
     /// There is none of this name.
-    #[error(
-        "{interface}: there is no such network interface; there are {there}: name one of them ([bus] interface of a machine file)"
-    )]
-    NoInterface {
-        /// Its name.
-        interface: String,
-        /// Those that there are.
-        there: String,
-    },
-    /// It is switched off.
-    #[error("{0}: the interface is switched off: `ip link set {0} up`")]
-    Down(String),
-    /// Nothing is plugged in.
-    #[error(
-        "{0}: the interface has no link: is the cable plugged in, and the first drive powered?"
-    )]
-    NoLink(String),
-    /// This process may not.
-    #[error(
-        "{0}: raw Ethernet frames are a privilege: run as root, or `setcap cap_net_raw,cap_ipc_lock,cap_sys_nice+ep` the program once"
-    )]
-    NoRight(String),
+    /// It is not there, switched off, without a link or not for this process: its name, and what to do.
+    #[error("{0}: {1}")]
+    Unusable(String, String),
     /// Somebody else is the master of this segment.
     #[error(
         "{0}: another quadrant process drives this segment: end it first, two masters would fight"
@@ -76,24 +57,28 @@ pub struct Socket {
 /// Looks whether there is such an interface, and whether it can carry frames.
 fn look_at(interface: &str) -> Result<(), LinkError> {
     let all = interfaces();
-    let Some(found) = all.iter().find(|one| one.name == interface) else {
-        let names: Vec<&str> = all.iter().map(|one| one.name.as_str()).collect();
-        return Err(LinkError::NoInterface {
-            interface: interface.into(),
-            there: if names.is_empty() {
+    let what = match all.iter().find(|one| one.name == interface) {
+        Some(found) if !found.up => {
+            format!("the interface is switched off: `ip link set {interface} up`")
+        }
+        Some(found) if !found.link => {
+            "the interface has no link: is the cable plugged in, and the first drive powered?"
+                .into()
+        }
+        Some(_) => return Ok(()),
+        None => {
+            let names: Vec<&str> = all.iter().map(|one| one.name.as_str()).collect();
+            let there = if names.is_empty() {
                 "none".into()
             } else {
                 names.join(", ")
-            },
-        });
+            };
+            format!(
+                "there is no such network interface; there are {there}: name one of them ([bus] interface of a machine file)"
+            )
+        }
     };
-    if !found.up {
-        return Err(LinkError::Down(interface.into()));
-    }
-    if !found.link {
-        return Err(LinkError::NoLink(interface.into()));
-    }
-    Ok(())
+    Err(LinkError::Unusable(interface.into(), what))
 }
 
 impl Socket {
@@ -120,7 +105,10 @@ impl Socket {
         if raw < 0 {
             let error = io::Error::last_os_error();
             return Err(match error.raw_os_error() {
-                Some(libc::EPERM | libc::EACCES) => LinkError::NoRight(interface.into()),
+                Some(libc::EPERM | libc::EACCES) => {
+                    let what = "raw Ethernet frames are a privilege: run as root, or `setcap cap_net_raw,cap_ipc_lock,cap_sys_nice+ep` the program once";
+                    LinkError::Unusable(interface.into(), what.into())
+                }
                 _ => system("opening a raw socket", error),
             });
         }

@@ -66,12 +66,8 @@ impl Segment {
         let wiring = start_up(&socket, &process.plan)?;
         process.page.set_wiring(&wiring);
         let cycle = Cycle::new(socket, &wiring, process.period_ns, Counts::zeroed());
-        Ok(Segment::of(
-            process,
-            cycle,
-            wiring,
-            process.page.requested(),
-        ))
+        let requested = process.page.requested();
+        Ok(Segment::of(process, cycle, wiring, requested))
     }
 
     fn of(process: &Process, cycle: Cycle, wiring: Wiring, done: Option<u64>) -> Segment {
@@ -195,19 +191,16 @@ impl<'a> Owner<'a> {
     /// Exchanges cycles until it is time to leave; the segment is put to rest then.
     pub fn run(mut self) -> anyhow::Result<()> {
         loop {
-            match &mut self.segment {
-                Some(segment) => {
-                    if segment.cycles(self.process, &mut self.claim) == End::Leave {
-                        segment.put_to_rest(self.process);
-                        segment.tell_counts();
-                        return Ok(());
-                    }
+            let leaves = match &mut self.segment {
+                Some(segment) => segment.cycles(self.process, &mut self.claim) == End::Leave,
+                None => !self.process.awaits_start(),
+            };
+            if leaves {
+                if let Some(segment) = &mut self.segment {
+                    segment.put_to_rest(self.process);
+                    segment.tell_counts();
                 }
-                None => {
-                    if !self.process.awaits_start() {
-                        return Ok(());
-                    }
-                }
+                return Ok(());
             }
             match self.start_segment() {
                 Ok(()) => tracing::info!("the segment is in operation again"),
@@ -266,7 +259,7 @@ impl Segment {
                 page.outputs(cycle, &mut self.outputs);
                 self.silent_scans = 0;
                 self.done = requested;
-                self.exchange(process, cycle, Image::Asked);
+                self.exchange(process, cycle, false);
                 page.answer(cycle, self.cycle.inputs());
                 continue;
             }
@@ -278,10 +271,9 @@ impl Segment {
                 continue;
             }
             let now = now_ns();
-            let due_ns = if self.silent_scans == 0 {
-                self.sent_at_ns + late_ns
-            } else {
-                self.next_by_itself_ns(process.period_ns)
+            let due_ns = match self.silent_scans {
+                0 => self.sent_at_ns + late_ns,
+                _ => self.next_by_itself_ns(process.period_ns),
             };
             if now < due_ns {
                 let left = Duration::from_nanos(due_ns - now);
@@ -305,21 +297,18 @@ impl Segment {
     /// The master is late, or gone: what it asked for last is sent again, and after its watchdog what it wanted for that case.
     fn keep_alive(&mut self, process: &Process) {
         self.silent_scans = self.silent_scans.saturating_add(1);
-        let image = if self.silent_scans > process.watchdog_scans {
-            Image::Silent
-        } else {
-            Image::Asked
-        };
+        let silent = self.silent_scans > process.watchdog_scans;
         self.cycle.counts().repeated += 1;
         let cycle = self.done.unwrap_or(0);
-        self.exchange(process, cycle, image);
+        self.exchange(process, cycle, silent);
     }
-
-    fn exchange(&mut self, process: &Process, cycle: u64, image: Image) {
+    fn exchange(&mut self, process: &Process, cycle: u64, silent: bool) {
         self.frame += 1;
-        let image = match image {
-            Image::Asked => &self.outputs.image,
-            Image::Silent => &self.outputs.silent,
+        let outputs = &self.outputs;
+        let image = if silent {
+            &outputs.silent
+        } else {
+            &outputs.image
         };
         process.page.note_sent(self.frame);
         self.sent_at_ns = now_ns();
@@ -351,27 +340,18 @@ impl Segment {
         if process.member.slot().pace == Pace::Realtime && !process.page.has_left() {
             // The master has gone without a word: the drives are given the time to stop.
             for _ in 0..(500_000_000 / process.period_ns.max(1)) {
-                self.exchange(process, 0, Image::Silent);
+                self.exchange(process, 0, true);
                 let until_ns = self.sent_at_ns + process.period_ns;
                 bus::realtime::sleep_until_ns(until_ns);
             }
         }
         let nothing = [0; IMAGE_BYTES_MAX];
         self.outputs.image = nothing;
-        self.exchange(process, 0, Image::Asked);
+        self.exchange(process, 0, false);
         for slave in self.wiring.slaves() {
             request_state(self.cycle.socket(), slave.address, INIT);
         }
         // The requests are on the cable before the socket goes.
         self.cycle.socket().wait(20_000_000);
     }
-}
-
-/// Which outputs a frame carries.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Image {
-    /// Those that were asked for last.
-    Asked,
-    /// Those for a master that is silent.
-    Silent,
 }

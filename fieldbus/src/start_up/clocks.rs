@@ -50,12 +50,8 @@ impl Signals {
             None => return Ok(None),
         };
         let register = |ns: u64| {
-            u32::try_from(ns).map_err(|_| {
-                format!(
-                    "{ns} ns do not fit into its register, which holds {} at most",
-                    u32::MAX
-                )
-            })
+            let what = "do not fit into its register, which holds";
+            u32::try_from(ns).map_err(|_| format!("{ns} ns {what} {} at most", u32::MAX))
         };
         let step_ns = cycle_ns.max(scan_ns).max(1);
         let whole_ns = (now_ns + DELAY_NS).div_ceil(step_ns) * step_ns;
@@ -102,11 +98,8 @@ pub(super) fn set_clocks(
         let slave = group.subdevice(main, *place);
         slave.is_ok_and(|slave| slave.dc_support().any())
     };
-    let of_segment = |what: String| StartUpError::Step {
-        slave: plan.bus.interface.clone(),
-        step: "setting distributed clocks".into(),
-        what,
-    };
+    let of_segment =
+        |what: String| StartUpError::at(&plan.bus.interface, "setting distributed clocks", &what);
     let reference = (0..group.len()).find(has_clock).ok_or_else(|| {
         of_segment("no slave has them: write sync = \"sm\" in [bus] of the machine file".into())
     })?;

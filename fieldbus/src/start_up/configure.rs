@@ -69,13 +69,10 @@ fn set_watchdog(talk: &mut Talk<'_, '_, '_>, plan: &SegmentPlan) -> Result<(), S
 /// Chooses the PDOs and writes their entries; what is fixed is compared.
 fn map(talk: &mut Talk<'_, '_, '_>, drive: &DriveFile) -> Result<(), StartUpError> {
     let data = &drive.process_data;
+    let (received, sent) = (data.receive_mapping, data.transmit_mapping);
     let both = [
-        (cia402::RECEIVE_ASSIGN, data.receive_mapping, &data.receive),
-        (
-            cia402::TRANSMIT_ASSIGN,
-            data.transmit_mapping,
-            &data.transmit,
-        ),
+        (cia402::RECEIVE_ASSIGN, received, &data.receive),
+        (cia402::TRANSMIT_ASSIGN, sent, &data.transmit),
     ];
     for (assign, mapping, pdos) in both {
         if drive.mailbox.pdo_assign || mapping == Mapping::Written {
@@ -167,12 +164,8 @@ fn compare(talk: &mut Talk<'_, '_, '_>, assign: u16, pdos: &[Pdo]) -> Result<(),
             let wanted =
                 u64::from(entry.index) << 16 | u64::from(entry.sub) << 8 | u64::from(entry.bits);
             // Of a gap the size alone counts.
-            let same = if entry.is_gap() {
-                found.value & 0xFF == wanted
-            } else {
-                found.value == wanted
-            };
-            if !same {
+            let mask = if entry.is_gap() { 0xFF } else { u64::MAX };
+            if found.value & mask != wanted {
                 let object = cia402::number((found.value >> 16) as u16, (found.value >> 8) as u8);
                 let what = format!(
                     "entry {place} of {:04X} is {object} of {} bits, in its drive file {}: {remedy}",
@@ -245,10 +238,8 @@ fn set_interpolation_time(
         return Ok(());
     };
     let seconds = |mantissa: i64, exponent: i64| mantissa as f64 * 10_f64.powi(exponent as i32);
-    let (is, wanted) = (
-        seconds(found.signed(), power.signed()),
-        seconds(mantissa, exponent),
-    );
+    let is = seconds(found.signed(), power.signed());
+    let wanted = seconds(mantissa, exponent);
     if is != 0.0 && (is - wanted).abs() > 1e-9 {
         let what = format!(
             "it is {} ms, the scan {} ms: set start_up.interpolation_time = true in the drive file",

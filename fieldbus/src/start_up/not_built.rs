@@ -11,12 +11,12 @@ use crate::link::Socket;
 
 /// Would start a segment up.
 pub fn start_up(_socket: &Rc<Socket>, _plan: &SegmentPlan) -> Result<Wiring, StartUpError> {
-    Err(StartUpError::NotBuilt)
+    Err(StartUpError::not_built())
 }
 
 /// Would list the slaves of a segment.
 pub fn scan(_socket: &Rc<Socket>) -> Result<Vec<FoundSlave>, StartUpError> {
-    Err(StartUpError::NotBuilt)
+    Err(StartUpError::not_built())
 }
 
 /// Would read an object.
@@ -26,7 +26,7 @@ pub fn read_object(
     _index: u16,
     _sub: u8,
 ) -> Result<ObjectData, StartUpError> {
-    Err(StartUpError::NotBuilt)
+    Err(StartUpError::not_built())
 }
 
 /// Would write an object.
@@ -37,5 +37,5 @@ pub fn write_object(
     _value: i64,
     _bits: Option<u32>,
 ) -> Result<Written, StartUpError> {
-    Err(StartUpError::NotBuilt)
+    Err(StartUpError::not_built())
 }

@@ -150,12 +150,8 @@ impl Source {
 
 impl Talk<'_, '_, '_> {
     /// An error of a step.
-    pub fn failed(&self, step: impl Into<String>, what: impl Into<String>) -> StartUpError {
-        StartUpError::Step {
-            slave: self.name.clone(),
-            step: step.into(),
-            what: what.into(),
-        }
+    pub fn failed(&self, step: impl AsRef<str>, what: impl AsRef<str>) -> StartUpError {
+        StartUpError::at(&self.name, step.as_ref(), what.as_ref())
     }
 
     /// Reads an object, whatever its size.

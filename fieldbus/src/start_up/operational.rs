@@ -70,22 +70,15 @@ pub(super) fn into_operation(
         }
     }
     let slaves = inputs.slaves.iter().take(wiring.slaves().len());
-    let late = slaves
+    let mut late = slaves
         .enumerate()
-        .find(|(_, slave)| slave.al_status != OPERATIONAL);
-    let (slave, what) = late.map_or(
-        (plan.bus.interface.clone(), "no frame comes back".into()),
-        |(place, slave)| {
-            let is = al_state(slave.al_status);
-            (
-                plan.name(place),
-                format!("it stays in {is}: {}", al_status(slave.al_status_code)),
-            )
-        },
-    );
-    Err(StartUpError::Step {
-        slave,
-        step: "going from SAFE-OP to OP".into(),
-        what,
-    })
+        .filter(|(_, slave)| slave.al_status != OPERATIONAL);
+    let (slave, what) = match late.next() {
+        None => (plan.bus.interface.clone(), "no frame comes back".into()),
+        Some((place, slave)) => {
+            let (is, why) = (al_state(slave.al_status), al_status(slave.al_status_code));
+            (plan.name(place), format!("it stays in {is}: {why}"))
+        }
+    };
+    Err(StartUpError::at(&slave, "going from SAFE-OP to OP", &what))
 }

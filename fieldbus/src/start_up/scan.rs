@@ -103,26 +103,20 @@ fn with_slaves(
     socket: &Rc<Socket>,
     mut each: impl FnMut(usize, AlStatus, &mut Talk<'_, '_, '_>) -> Result<(), StartUpError>,
 ) -> Result<(), StartUpError> {
-    let interface = socket.interface().to_string();
-    let failed = |step: &str, what: String| StartUpError::Step {
-        slave: interface.clone(),
-        step: step.into(),
-        what,
-    };
+    let interface = socket.interface();
+    let failed = |step: &str, what: String| StartUpError::at(interface, step, &what);
     let storage = Box::new(Storage::new());
     let (main, mut driver) = master(&storage, socket, MAILBOX, 0)
         .ok_or_else(|| failed("starting", "its frames are in use".into()))?;
     let nobody_or = |error| match error {
-        Error::Timeout(_) => StartUpError::Nobody {
-            interface: interface.clone(),
-        },
+        Error::Timeout(_) => StartUpError::nobody(interface),
         error => failed("bringing all slaves to PRE-OP", words(error)),
     };
     let before = states(&main, &mut driver).map_err(nobody_or)?;
     let group = driver.run(main.init_single_group::<SLAVES_MAX, IMAGE_BYTES_MAX>(now_ns));
     let group = group.map_err(nobody_or)?;
     if group.is_empty() {
-        return Err(StartUpError::Nobody { interface });
+        return Err(StartUpError::nobody(interface));
     }
     for (place, slave) in group.iter(&main).enumerate() {
         let mut talk = Talk {
@@ -152,10 +146,10 @@ fn with_slave<T>(
         }
         Ok(())
     })?;
-    done.ok_or_else(|| StartUpError::Step {
-        slave: socket.interface().to_string(),
-        step: format!("looking for place {place} on the cable"),
-        what: format!("{count} answer, at places 0 to {}", count - 1),
+    done.ok_or_else(|| {
+        let step = format!("looking for place {place} on the cable");
+        let what = format!("{count} answer, at places 0 to {}", count - 1);
+        StartUpError::at(socket.interface(), &step, &what)
     })
 }
 
@@ -191,11 +185,12 @@ pub fn write_object(
 ) -> Result<Written, StartUpError> {
     with_slave(socket, place, |talk| {
         let step = format!("writing {} = {value}", cia402::named(index, sub));
-        let before = match talk.read_data(index, sub) {
-            Ok(data) => Some(data),
-            Err(error) if is_write_only(error) => None,
-            Err(error) => return Err(talk.failed(step, words(error))),
+        let read = |talk: &mut Talk<'_, '_, '_>, step: &str| match talk.read_data(index, sub) {
+            Ok(data) => Ok(Some(data)),
+            Err(error) if is_write_only(error) => Ok(None),
+            Err(error) => Err(talk.failed(step, words(error))),
         };
+        let before = read(talk, &step)?;
         let own_bits = before.as_ref().map(|data| 8 * data.bytes.len() as u32);
         let bits = own_bits.or(bits).ok_or_else(|| {
             let what = "it cannot be read, so its size is not known: say it with --bits";
@@ -212,11 +207,7 @@ pub fn write_object(
         }
         talk.write(index, sub, bits, value)
             .map_err(|error| talk.failed(step.clone(), words(error)))?;
-        let after = match talk.read_data(index, sub) {
-            Ok(data) => Some(data),
-            Err(error) if is_write_only(error) => None,
-            Err(error) => return Err(talk.failed(format!("{step}, reading it back"), words(error))),
-        };
+        let after = read(talk, &format!("{step}, reading it back"))?;
         Ok(Written { before, after })
     })
 }

@@ -35,11 +35,8 @@ pub fn start_up(socket: &Rc<Socket>, plan: &SegmentPlan) -> Result<Wiring, Start
     let mailbox = Duration::from_millis(longest_ms.max().unwrap_or(2000).into());
     let dc = plan.bus.sync == Sync::Dc;
     let clock_frames = if dc { CLOCK_FRAMES } else { 0 };
-    let of_segment = |step: &str, what: String| StartUpError::Step {
-        slave: plan.bus.interface.clone(),
-        step: step.into(),
-        what,
-    };
+    let interface = &plan.bus.interface;
+    let of_segment = |step: &str, what: String| StartUpError::at(interface, step, &what);
     let (main, mut driver) = master(&storage, socket, mailbox, clock_frames)
         .ok_or_else(|| of_segment("starting", "its frames are in use".into()))?;
     let group = find(plan, &main, &mut driver, &of_segment)?;
@@ -91,9 +88,7 @@ fn find(
         Err(error) => return Err(nobody_or(plan, of_segment, error)),
     };
     if group.is_empty() {
-        return Err(StartUpError::Nobody {
-            interface: plan.bus.interface.clone(),
-        });
+        return Err(StartUpError::nobody(&plan.bus.interface));
     }
     Ok(group)
 }
@@ -107,9 +102,7 @@ fn nobody_or(
     use ethercrab::error::Error;
     match error {
         // The first frame of all did not come back.
-        Error::Timeout(_) => StartUpError::Nobody {
-            interface: plan.bus.interface.clone(),
-        },
+        Error::Timeout(_) => StartUpError::nobody(&plan.bus.interface),
         Error::SendFrame => of_segment(
             "looking for slaves",
             "no frame can be sent: is the interface up?".into(),
@@ -123,21 +116,19 @@ fn judge_slaves(
     plan: &SegmentPlan,
     found: &[(SubDeviceIdentity, String)],
 ) -> Result<(), StartUpError> {
-    if found.len() != plan.slave_count() {
-        let names: Vec<String> = (0..plan.slave_count())
-            .map(|place| plan.name(place))
-            .collect();
-        return Err(StartUpError::Count {
-            found: found.len(),
-            expected: plan.slave_count(),
-            named: names.join(", "),
-            remedy: if found.len() < plan.slave_count() {
-                "a cable is loose or a drive is off behind the last one that answers"
-            } else {
-                "name the others in `bus.other_slaves`"
-            },
-            interface: plan.bus.interface.clone(),
-        });
+    let (count, expected) = (found.len(), plan.slave_count());
+    if count != expected {
+        let names: Vec<String> = (0..expected).map(|place| plan.name(place)).collect();
+        let remedy = if count < expected {
+            "a cable is loose or a drive is off behind the last one that answers"
+        } else {
+            "name the others in `bus.other_slaves`"
+        };
+        return Err(StartUpError::others(format!(
+            "{count} slaves on the cable, {expected} in the machine file ({}): {remedy}; `quadrant bus scan {}` lists them",
+            names.join(", "),
+            plan.bus.interface
+        )));
     }
     let shown = |vendor: u32, product: u32, revision: u32, name: &str| {
         format!(
@@ -165,12 +156,12 @@ fn judge_slaves(
             _ if same => "make a drive file of the ESI file of that revision (`quadrant bus drive-file ESI --revision`)".into(),
             _ => "connect the drive that the machine file names, or make a drive file of this one".into(),
         };
-        return Err(StartUpError::Identity {
-            slave: plan.name(setup.slave),
-            found: shown(there.vendor_id, there.product_id, there.revision, name),
-            expected: shown(is.vendor, is.product_code, is.revision, &is.name),
-            remedy,
-        });
+        return Err(StartUpError::others(format!(
+            "{}: {} is there, its drive file is of {}: {remedy}",
+            plan.name(setup.slave),
+            shown(there.vendor_id, there.product_id, there.revision, name),
+            shown(is.vendor, is.product_code, is.revision, &is.name)
+        )));
     }
     Ok(())
 }

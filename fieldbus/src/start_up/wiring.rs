@@ -50,11 +50,9 @@ pub(super) fn read_wiring<'a, S: Deref<Target = SubDevice>>(
     wiring.reference_clock = reference_clock.into();
     let mut end = 0;
     for ((place, slave), entry) in slaves.enumerate().zip(&mut wiring.slaves) {
-        let (outputs, inputs) = places(driver, &slave).map_err(|error| StartUpError::Step {
-            slave: plan.name(place),
-            step: "reading where its process data lie".into(),
-            what: words(error),
-        })?;
+        let step = "reading where its process data lie";
+        let (outputs, inputs) = places(driver, &slave)
+            .map_err(|error| StartUpError::at(&plan.name(place), step, &words(error)))?;
         judge_sizes(plan, place, outputs.bytes, inputs.bytes)?;
         let counter = 2 * u16::from(outputs.bytes > 0) + u16::from(inputs.bytes > 0);
         *entry = SlaveWiring {
@@ -72,13 +70,11 @@ pub(super) fn read_wiring<'a, S: Deref<Target = SubDevice>>(
             .max(inputs.at + inputs.bytes);
     }
     if end as usize > IMAGE_BYTES_MAX {
-        return Err(StartUpError::Step {
-            slave: plan.bus.interface.clone(),
-            step: "mapping process data".into(),
-            what: format!(
-                "{end} bytes do not fit into one frame, {IMAGE_BYTES_MAX} do: exchange less with the drives"
-            ),
-        });
+        let what = format!(
+            "{end} bytes do not fit into one frame, {IMAGE_BYTES_MAX} do: exchange less with the drives"
+        );
+        let step = "mapping process data";
+        return Err(StartUpError::at(&plan.bus.interface, step, &what));
     }
     wiring.image_bytes = end;
     Ok(wiring)
@@ -128,14 +124,12 @@ fn judge_sizes(
     if wanted == (outputs, inputs) {
         return Ok(());
     }
-    Err(StartUpError::Step {
-        slave: plan.name(place),
-        step: "comparing its process data".into(),
-        what: format!(
-            "it takes {outputs} bytes and sends {inputs}, its drive file says {} and {}: make the drive file of the ESI file of this drive",
-            wanted.0, wanted.1
-        ),
-    })
+    let what = format!(
+        "it takes {outputs} bytes and sends {inputs}, its drive file says {} and {}: make the drive file of the ESI file of this drive",
+        wanted.0, wanted.1
+    );
+    let step = "comparing its process data";
+    Err(StartUpError::at(&plan.name(place), step, &what))
 }
 
 /// A number that no other start-up on this PC has.
