@@ -24,6 +24,23 @@ pub enum Failure {
 /// What a command comes to.
 pub type Outcome = Result<(), Failure>;
 
+impl Failure {
+    /// The machine stopped, for this reason.
+    pub fn stopped(why: impl Into<String>) -> Failure {
+        Failure::Stopped(anyhow::anyhow!(why.into()))
+    }
+
+    /// Bad input, in these words.
+    pub fn input(why: impl Into<String>) -> Failure {
+        Failure::Input(anyhow::anyhow!(why.into()))
+    }
+
+    /// The environment does not allow it, in these words.
+    pub fn environment(why: impl Into<String>) -> Failure {
+        Failure::Environment(anyhow::anyhow!(why.into()))
+    }
+}
+
 /// Names the kind of failure an error is.
 pub trait Kind<T> {
     /// Bad input.

@@ -39,6 +39,12 @@ pub fn wrapped(columns: usize, first: &str, next: &str, text: &str) -> Vec<Strin
     lines.map(std::borrow::Cow::into_owned).collect()
 }
 
+/// Words with a separator between them.
+pub fn joined<T: ToString>(words: impl IntoIterator<Item = T>, separator: &str) -> String {
+    let words = words.into_iter().map(|word| word.to_string());
+    words.collect::<Vec<_>>().join(separator)
+}
+
 /// A text without what a terminal would obey: files may have any name.
 pub fn plain(text: &str) -> String {
     text.replace(char::is_control, " ")

@@ -52,11 +52,8 @@ impl Room {
 /// Bytes that the log of so many seconds takes, about.
 fn log_bytes(machine: &Machine, level: LogLevel, seconds: f64) -> f64 {
     let of_scan = SCAN_BYTES + AXIS_BYTES * machine.axes.len() as f64;
-    let times = if level == LogLevel::Full {
-        FULL_TIMES
-    } else {
-        1.0
-    };
+    let is_full = level == LogLevel::Full;
+    let times = if is_full { FULL_TIMES } else { 1.0 };
     of_scan * times * seconds / machine.scan_period_s()
 }
 
@@ -74,12 +71,11 @@ pub fn check(
     let Some(Room { free, .. }) = Room::of(folder) else {
         return Ok(());
     };
+    let (shown, free_mb) = (folder.display(), free as f64 / 1e6);
     if free < LEAST_BYTES {
+        let least_mb = LEAST_BYTES as f64 / 1e6;
         bail!(
-            "{}: the disk has no room for a run: {:.1} MB are free, at least {:.1} MB are needed; `[log] keep_mb` removes old runs",
-            folder.display(),
-            free as f64 / 1e6,
-            LEAST_BYTES as f64 / 1e6
+            "{shown}: the disk has no room for a run: {free_mb:.1} MB are free, at least {least_mb:.1} MB are needed; `[log] keep_mb` removes old runs"
         );
     }
     if free > PLENTY_BYTES {
@@ -88,10 +84,8 @@ pub fn check(
     let needed = seconds().map_or(0.0, |seconds| log_bytes(machine, level, seconds));
     if needed > free as f64 {
         tracing::warn!(
-            "{}: the log of this program takes about {:.0} MB, and {:.1} MB are free: it will not be whole (--log events records none)",
-            folder.display(),
-            needed / 1e6,
-            free as f64 / 1e6
+            "{shown}: the log of this program takes about {:.0} MB, and {free_mb:.1} MB are free: it will not be whole (--log events records none)",
+            needed / 1e6
         );
     }
     Ok(())

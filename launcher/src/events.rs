@@ -16,7 +16,7 @@ const RESERVED_BYTES: u64 = 64 << 10;
 const WAITING_MAX_BYTES: usize = 64 << 10;
 
 /// One line.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Default, Serialize)]
 pub struct Event<'a> {
     /// Newest scan the launcher had seen.
     pub scan: u64,
@@ -42,10 +42,8 @@ impl<'a> Event<'a> {
         Event {
             scan,
             event,
-            process: None,
-            pid: None,
             text,
-            outcome: None,
+            ..Event::default()
         }
     }
 }
@@ -111,6 +109,28 @@ impl<W: Write> Events<W> {
             self.wait_in_line(&Event::of_cell(event.scan, "events lost", Some(text)));
             let _ = self.write_waiting();
         }
+    }
+
+    /// Writes one of the whole cell, with a text.
+    pub fn note(&mut self, scan: u64, event: &str, text: impl Into<String>) {
+        self.write(&Event::of_cell(scan, event, Some(text.into())));
+    }
+
+    /// Writes one of a process, with a text.
+    pub fn note_of(&mut self, process: &str, scan: u64, event: &str, text: impl Into<String>) {
+        self.write(&Event {
+            process: Some(process),
+            ..Event::of_cell(scan, event, Some(text.into()))
+        });
+    }
+
+    /// Writes one of a process that was started.
+    pub fn note_started(&mut self, process: &str, pid: u32, scan: u64, event: &str) {
+        self.write(&Event {
+            process: Some(process),
+            pid: Some(pid),
+            ..Event::of_cell(scan, event, None)
+        });
     }
 
     fn wait_in_line(&mut self, event: &Event<'_>) {

@@ -8,12 +8,6 @@ use rustix::process::Signal;
 use crate::group::{Death, Group};
 use crate::supervisor::Supervisor;
 
-/// Serves the script of one run.
-#[derive(Debug)]
-pub struct FaultInjector {
-    script: FaultScript,
-}
-
 /// What one request came to.
 #[derive(Debug, Default)]
 pub struct Served {
@@ -23,36 +17,29 @@ pub struct Served {
     pub event: Option<(u64, &'static str, String)>,
 }
 
-impl FaultInjector {
-    /// For a script that has been checked.
-    pub fn new(script: FaultScript) -> FaultInjector {
-        FaultInjector { script }
+/// Serves the request that waits, if there is one.
+///
+/// # Errors
+/// A replacement cannot be started.
+pub fn serve(
+    script: &FaultScript,
+    group: &mut Group,
+    supervisor: &Supervisor,
+) -> anyhow::Result<Option<Served>> {
+    let Some(request) = group.page.launcher_request() else {
+        return Ok(None);
+    };
+    let mut served = Served::default();
+    let fault = script.faults.get(request.index);
+    let place = fault.and_then(|f| group.place_of(f.process));
+    if let (Some(fault), Some(place)) = (fault, place) {
+        let replaces = supervisor.replaces(fault.process);
+        served = act(group, &request, place, fault.process.job, replaces)?;
+    } else {
+        tracing::warn!("a fault names a process that this cell does not have");
     }
-
-    /// Serves the request that waits, if there is one.
-    ///
-    /// # Errors
-    /// A replacement cannot be started.
-    pub fn serve(
-        &mut self,
-        group: &mut Group,
-        supervisor: &Supervisor,
-    ) -> anyhow::Result<Option<Served>> {
-        let Some(request) = group.page.launcher_request() else {
-            return Ok(None);
-        };
-        let mut served = Served::default();
-        let fault = self.script.faults.get(request.index);
-        let place = fault.and_then(|f| group.place_of(f.process));
-        if let (Some(fault), Some(place)) = (fault, place) {
-            let replaces = supervisor.replaces(fault.process);
-            served = act(group, &request, place, fault.process.job, replaces)?;
-        } else {
-            tracing::warn!("a fault names a process that this cell does not have");
-        }
-        group.page.launcher_done(request.ticket);
-        Ok(Some(served))
-    }
+    group.page.launcher_done(request.ticket);
+    Ok(Some(served))
 }
 
 fn act(
@@ -63,9 +50,7 @@ fn act(
     replaces: bool,
 ) -> anyhow::Result<Served> {
     let scan = request.scan;
-    let name = group
-        .role_of(place)
-        .map_or_else(String::new, |role| role.name.clone());
+    let name = group.role_of(place).map(|role| role.name.clone());
     let mut death = None;
     let word = match request.step {
         FaultStep::Kill => {
@@ -98,8 +83,6 @@ fn act(
             "continued"
         }
     };
-    Ok(Served {
-        death,
-        event: Some((scan, word, name)),
-    })
+    let event = Some((scan, word, name.unwrap_or_default()));
+    Ok(Served { death, event })
 }

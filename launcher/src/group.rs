@@ -15,12 +15,13 @@ use bus::process::watch;
 use bus::sample::Job;
 use bus::service::{Bus, Created, ROLES, Services};
 use bus::signal_page::{CellPhase, SignalPage};
-use machine::{KeptFiles, LogLevel, Machine, Process};
+use machine::{LogLevel, Machine, Process};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::{Signal, pidfd_send_signal};
 
 use crate::run_dir::RunDir;
 use console::logs;
+use console::output::joined;
 
 mod death;
 mod register;
@@ -31,6 +32,8 @@ use register::Register;
 
 /// Longest wait until every process has reported that it is ready.
 const READY_LIMIT: Duration = Duration::from_secs(30);
+/// Longest time between two looks at what has not got ready.
+const READY_LOOK: Duration = Duration::from_millis(20);
 /// Longest time in which a process leaves in order, the recorder with its queue to empty among them.
 pub const LEAVE_LIMIT: Duration = Duration::from_secs(60);
 /// Time after the master's leave in order from which on a process that still lives has missed the last feedback: it was stopped, or slow
@@ -78,28 +81,14 @@ impl Role {
 /// What the group needs to know of a run.
 #[derive(Debug, Clone)]
 pub struct Plan {
-    /// Copy of the machine file that all read.
-    pub machine_file: PathBuf,
-    /// The user's files that hold what outlives a run.
-    pub kept_files: KeptFiles,
-    /// Where the programs of user M-codes lie; none if they are not switched on.
-    pub user_codes: Option<PathBuf>,
-    /// Copy of the plant file; none where the drives are on a fieldbus.
-    pub plant_file: Option<PathBuf>,
-    /// Copy of the program; none in a cell that stays up.
-    pub program: Option<PathBuf>,
-    /// Where the recorder writes.
-    pub out: PathBuf,
+    /// The run directory, whose copies the processes read.
+    pub files: RunDir,
     /// What it writes.
     pub level: LogLevel,
     /// Pace.
     pub pace: Pace,
     /// Seconds a living process may take for one answer in lockstep.
     pub answer_limit_s: u64,
-    /// Copy of the scripted orders, if there are any.
-    pub orders: Option<PathBuf>,
-    /// Copy of the fault script, if there is one.
-    pub faults: Option<PathBuf>,
     /// Where the blocks that it names begin on the path: line and element.
     pub fault_blocks: Vec<(u32, u32)>,
     /// Servos and planner read the fault script too, and send what it wants them to.
@@ -114,17 +103,10 @@ impl Plan {
     /// For the files of a run directory; its fault script names no blocks and no wrong samples.
     pub fn of(run_dir: &RunDir, pace: Pace, answer_limit_s: u64) -> Plan {
         Plan {
-            machine_file: run_dir.machine.clone(),
-            kept_files: run_dir.kept_files.clone(),
-            user_codes: run_dir.user_codes.clone(),
-            plant_file: run_dir.plant.clone(),
-            program: run_dir.program.clone(),
-            out: run_dir.folder.clone(),
+            files: run_dir.clone(),
             level: LogLevel::default(),
             pace,
             answer_limit_s,
-            orders: run_dir.orders.clone(),
-            faults: run_dir.faults.clone(),
             wrong_samples: false,
             fault_blocks: Vec::new(),
             single_block: false,
@@ -136,17 +118,10 @@ impl Plan {
 /// The table of processes, in the order they are started in: who listens before who speaks.
 pub fn roles(machine: &Machine, plan: &Plan) -> Vec<Role> {
     let path = |p: &PathBuf| p.display().to_string();
-    let mut recorder = Role::new(
-        machine,
-        Job::Monitor.into(),
-        &[
-            "recorder",
-            "--out",
-            &path(&plan.out),
-            "--level",
-            &plan.level.to_string(),
-        ],
-    );
+    let files = &plan.files;
+    let mut recorder = Role::new(machine, Job::Monitor.into(), &["recorder"]);
+    recorder.add(&["--out", &path(&files.folder)]);
+    recorder.add(&["--level", &plan.level.to_string()]);
     let (planner, subcommand) = match plan.wrong_samples {
         true => ("faulty-planner", "faulty-servo"),
         false => ("planner", "servo"),
@@ -155,12 +130,12 @@ pub fn roles(machine: &Machine, plan: &Plan) -> Vec<Role> {
     let limit = plan.answer_limit_s.to_string();
     let limit = ["--answer-limit", &limit];
     let mut master = Role::new(machine, Job::Master.into(), &[]);
-    match &plan.plant_file {
+    match &files.plant {
         Some(plant) => master.add(&["plant-sim", "--plant", &path(plant)]),
         None => master.add(&["master"]),
     }
     master.add(&limit);
-    if let Some(program) = &plan.program {
+    if let Some(program) = &files.program {
         recorder.add(&["--program", &path(program)]);
         planner.add(&["--program", &path(program)]);
         master.add(&["--enabled", "--end-after-program"]);
@@ -171,17 +146,14 @@ pub fn roles(machine: &Machine, plan: &Plan) -> Vec<Role> {
     if let Some(line) = plan.start_line {
         master.add(&["--start-line", &line.to_string()]);
     }
-    if let Some(orders) = &plan.orders {
+    if let Some(orders) = &files.orders {
         master.add(&["--orders", &path(orders)]);
     }
     let servo = |process: Process| {
         let axis = machine.axis_name(process.axis as usize);
         let role = ROLES.get(process.role as usize).unwrap_or(&"?");
-        Role::new(
-            machine,
-            process,
-            &[subcommand, "--axis", axis, "--role", role],
-        )
+        let arguments = [subcommand, "--axis", axis, "--role", role];
+        Role::new(machine, process, &arguments)
     };
     let fieldbus = |process: Process| {
         let mut role = Role::new(machine, process, &["fieldbus"]);
@@ -199,7 +171,7 @@ pub fn roles(machine: &Machine, plan: &Plan) -> Vec<Role> {
 
 /// Hands the fault script to the master, which comes last, and to what sends wrong samples by it.
 fn give_faults(roles: &mut [Role], plan: &Plan) {
-    let Some(faults) = &plan.faults else {
+    let Some(faults) = &plan.files.faults else {
         return;
     };
     let faults = faults.display().to_string();
@@ -235,6 +207,11 @@ impl Member {
     /// Waits until all is passed on that it printed; why it gave up, if it said so.
     fn last_words(&mut self) -> Option<String> {
         self.log.take()?.join().ok().flatten()
+    }
+
+    /// Lives, and has been admitted.
+    fn takes_part(&self) -> bool {
+        self.status.is_none() && self.joining.is_none()
     }
 }
 
@@ -285,10 +262,10 @@ impl Group {
         bus::limits::check(&place, &services)?;
         bus::limits::check_room(&place, &services)?;
         // Its clients know the machine from here.
-        let machine_file = machine::snapshot(&plan.machine_file)?;
+        let machine_file = machine::snapshot(&plan.files.machine)?;
         std::fs::write(place.machine_file(), machine_file)
             .context("copying the machine file into the cell")?;
-        let named = plan.kept_files.name_in(&place);
+        let named = plan.files.kept_files.name_in(&place);
         named.context("naming the files of offsets and tools")?;
         let bus = Bus::enter(&place, &machine.shape(), "launcher", true)?;
         let services = bus.create_all()?;
@@ -336,7 +313,7 @@ impl Group {
 
     /// Where the programs of user M-codes lie; none if they are not switched on.
     pub fn user_code_folder(&self) -> Option<&Path> {
-        self.plan.user_codes.as_deref()
+        self.plan.files.user_codes.as_deref()
     }
 
     /// The cell's pace.
@@ -391,7 +368,7 @@ impl Group {
             .arg0("quadrant")
             .args(&role.arguments)
             .args(["--cell", self.cell.place().name(), "--machine"])
-            .arg(&self.plan.machine_file)
+            .arg(&self.plan.files.machine)
             .args(["--pace", self.plan.pace.word()])
             .args(["--index", &index.to_string()])
             .args(["--incarnation", &incarnation.to_string()])
@@ -415,22 +392,21 @@ impl Group {
         let mut child = command
             .spawn()
             .with_context(|| format!("starting {}", role.name))?;
-        let ended = watch(child.id()).or_else(|error| {
+        let stderr = child.stderr.take();
+        let followed = || -> anyhow::Result<_> {
+            let ended = watch(child.id()).with_context(|| format!("watching {}", role.name))?;
+            let log = stderr.map(|stderr| logs::forward(role.name.clone(), stderr));
+            let log = log.transpose();
+            Ok((
+                ended,
+                log.with_context(|| format!("reading what {} prints", role.name))?,
+            ))
+        };
+        let (ended, log) = followed().inspect_err(|_| {
             // Nobody else knows of it yet.
             let _ = child.kill();
             let _ = child.wait();
-            Err(error).with_context(|| format!("watching {}", role.name))
         })?;
-        let log = child
-            .stderr
-            .take()
-            .map(|stderr| logs::forward(role.name.clone(), stderr))
-            .transpose()
-            .or_else(|error| {
-                let _ = child.kill();
-                let _ = child.wait();
-                Err(error).with_context(|| format!("reading what {} prints", role.name))
-            })?;
         tracing::debug!(process = role.name, pid = child.id(), "started");
         Ok(Member {
             role,
@@ -447,22 +423,15 @@ impl Group {
         let started = Instant::now();
         loop {
             let seen = self.page.launcher_signal().count();
-            let waiting: Vec<&str> = self
-                .members
-                .iter()
-                .enumerate()
-                .filter(|(index, m)| self.page.ready_incarnation(*index) != m.incarnation)
-                .map(|(_, member)| member.role.name.as_str())
-                .collect();
+            let waiting = self.members.iter().enumerate();
+            let waiting =
+                waiting.filter(|(index, m)| self.page.ready_incarnation(*index) != m.incarnation);
+            let waiting = joined(waiting.map(|(_, member)| &member.role.name), ", ");
             if waiting.is_empty() {
                 return Ok(());
             }
             if started.elapsed() > READY_LIMIT {
-                bail!(
-                    "not ready after {} s: {}",
-                    READY_LIMIT.as_secs(),
-                    waiting.join(", ")
-                );
+                bail!("not ready after {} s: {waiting}", READY_LIMIT.as_secs());
             }
             if interrupted() {
                 bail!("interrupted while the processes were being started");
@@ -470,19 +439,16 @@ impl Group {
             if let Some(death) = self.collect(|| {}).into_iter().next() {
                 return Err(death.before_ready());
             }
-            self.page
-                .launcher_signal()
-                .wait(seen, Duration::from_millis(20));
+            self.page.launcher_signal().wait(seen, READY_LOOK);
         }
     }
 
     /// Sleeps until a process ends or `also` becomes readable, at most `limit`.
     pub fn wait(&self, also: Option<BorrowedFd<'_>>, limit: Duration) {
         let living = self.members.iter().filter(|m| m.status.is_none());
-        let mut fds: Vec<PollFd<'_>> = living
-            .map(|member| PollFd::new(&member.ended, PollFlags::IN))
-            .collect();
-        fds.extend(also.map(|fd| PollFd::from_borrowed_fd(fd, PollFlags::IN)));
+        let ends = living.map(|member| PollFd::new(&member.ended, PollFlags::IN));
+        let also = also.map(|fd| PollFd::from_borrowed_fd(fd, PollFlags::IN));
+        let mut fds: Vec<PollFd<'_>> = ends.chain(also).collect();
         let limit = Timespec {
             tv_sec: limit.as_secs() as i64,
             tv_nsec: i64::from(limit.subsec_nanos()),
@@ -492,17 +458,14 @@ impl Group {
 
     /// Names and process ids of all that live.
     pub fn living(&self) -> impl Iterator<Item = (&str, u32)> {
-        self.members
-            .iter()
-            .filter(|m| m.status.is_none())
-            .map(|m| (m.role.name.as_str(), m.child.id()))
+        let living = self.members.iter().filter(|m| m.status.is_none());
+        living.map(|m| (m.role.name.as_str(), m.child.id()))
     }
 
     /// Whether the process doing this job lives, in the roster or on its way into it.
     pub fn lives(&self, job: Job) -> bool {
-        self.members
-            .iter()
-            .any(|m| m.role.process.job == job && m.status.is_none())
+        let mut members = self.members.iter();
+        members.any(|m| m.role.process.job == job && m.status.is_none())
     }
 
     /// Reaps whoever has ended, cleans up what they left in shared memory and tells the cell.

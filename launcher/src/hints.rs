@@ -1,6 +1,7 @@
 //! What a machine waits for that does not go on by itself: the orders that bring it on, in the order they are to be given in.
 
 use bus::sample::{Cause, Feedback, Mode, Order, ProgramState, Reference};
+use console::output::joined;
 use machine::{AfterLoss, Restart};
 
 /// What to do.
@@ -17,15 +18,26 @@ pub struct Hint {
 const RETURNS: &str = "returns to the path and goes on";
 const OFF: Option<&str> = Some("the drives are off");
 
+fn hint(
+    state: Option<&'static str>,
+    orders: &'static [Order],
+    then: Option<&'static str>,
+) -> Option<Hint> {
+    Some(Hint {
+        state,
+        orders,
+        then,
+    })
+}
+
 impl Hint {
     /// For people; `ends` where the cell is a run that Ctrl-C ends.
     pub fn words(&self, cell: &str, ends: bool) -> String {
         let command = |order: &Order| format!("`quadrant {} --cell {cell}`", order.word());
-        let commands: Vec<String> = self.orders.iter().map(command).collect();
         let mut words = self
             .state
             .map_or(String::new(), |state| format!("{state}: "));
-        words += &commands.join(", then ");
+        words += &joined(self.orders.iter().map(command), ", then ");
         if let Some(then) = self.then {
             words += " ";
             words += then;
@@ -53,51 +65,41 @@ fn is_homed(feedback: &Feedback) -> bool {
 pub fn waits_for(feedback: &Feedback, restart: &Restart) -> Option<Hint> {
     let mode = Mode::from_wire(feedback.mode)?;
     let waits = restart.servo == AfterLoss::Wait && lost_a_servo(feedback);
-    let (state, orders, then): (_, &[Order], _) = match mode {
-        Mode::Tripped if waits => (None, &[Order::Resume], Some(RETURNS)),
+    match mode {
+        Mode::Tripped if waits => hint(None, &[Order::Resume], Some(RETURNS)),
         Mode::Disabled if feedback.program != ProgramState::Running as u32 => {
-            (OFF, &[Order::Enable], None)
+            hint(OFF, &[Order::Enable], None)
         }
-        Mode::Disabled => (OFF, &[Order::Enable, Order::Resume], None),
+        Mode::Disabled => hint(OFF, &[Order::Enable, Order::Resume], None),
         Mode::Enabled if feedback.hold == 1 && !is_homed(feedback) => {
             let homed_first = Some("the machine is not homed");
             let orders = &[Order::Home, Order::Resume];
-            (homed_first, orders, Some("begins the program"))
+            hint(homed_first, orders, Some("begins the program"))
         }
         Mode::Enabled if feedback.hold == 1 => {
             let held = Some("the machine is in hold");
-            (held, &[Order::Resume], Some("goes on"))
+            hint(held, &[Order::Resume], Some("goes on"))
         }
-        _ => return None,
-    };
-    Some(Hint {
-        state,
-        orders,
-        then,
-    })
+        _ => None,
+    }
 }
 
 /// The same of a cell that stays up, where a process was lost; what an operator waits for he knows himself.
 pub fn lost_in(feedback: &Feedback) -> Option<Hint> {
     let started = feedback.program == ProgramState::Running as u32;
-    let (state, orders, then): (_, &[Order], _) = match Mode::from_wire(feedback.mode)? {
-        Mode::Tripped if lost_a_servo(feedback) && started => {
-            (None, &[Order::Resume], Some(RETURNS))
+    let (servo, master) = (
+        lost_a_servo(feedback),
+        feedback.cause == Cause::MasterLost as u32,
+    );
+    match Mode::from_wire(feedback.mode)? {
+        Mode::Tripped if servo && started => hint(None, &[Order::Resume], Some(RETURNS)),
+        Mode::Disabled if master && started => {
+            hint(OFF, &[Order::Enable, Order::Resume], Some(RETURNS))
         }
-        Mode::Tripped if lost_a_servo(feedback) => (None, &[Order::Enable], Some("makes it ready")),
-        Mode::Disabled if feedback.cause == Cause::MasterLost as u32 && started => {
-            (OFF, &[Order::Enable, Order::Resume], Some(RETURNS))
-        }
-        Mode::Disabled if feedback.cause == Cause::MasterLost as u32 => {
-            (None, &[Order::Enable], Some("makes it ready"))
-        }
-        _ => return None,
-    };
-    Some(Hint {
-        state,
-        orders,
-        then,
-    })
+        Mode::Tripped if servo => hint(None, &[Order::Enable], Some("makes it ready")),
+        Mode::Disabled if master => hint(None, &[Order::Enable], Some("makes it ready")),
+        _ => None,
+    }
 }
 
 #[cfg(test)]

@@ -43,7 +43,7 @@ impl Progress {
 
     /// Shows the bar from now on, where there is a terminal.
     pub fn show_bar(&self) {
-        self.bar.set_draw_target(target());
+        self.bar.set_draw_target(target(true));
     }
 
     /// Looks and draws; the newest feedback, if there has been one.
@@ -62,11 +62,9 @@ impl Progress {
             }
             let wall_s = self.started.elapsed().as_secs_f64().max(1e-9);
             let machine_s = feedback.scan as f64 * self.scan_period_s;
-            let line = status.line;
-            self.bar.set_message(format!(
-                "line {line}  {machine_s:.1} s  {:.1}x real time",
-                machine_s / wall_s
-            ));
+            let (line, times) = (status.line, machine_s / wall_s);
+            let words = format!("line {line}  {machine_s:.1} s  {times:.1}x real time");
+            self.bar.set_message(words);
         }
         self.newest.as_ref()
     }
@@ -77,9 +75,8 @@ impl Progress {
             return;
         };
         let waiting = Waiting::from_wire(auxiliary.waiting).unwrap_or_default();
-        let stop = waiting
-            .is_for_operator()
-            .then_some((auxiliary.waiting, auxiliary.events_done));
+        let asked = (auxiliary.waiting, auxiliary.events_done);
+        let stop = waiting.is_for_operator().then_some(asked);
         let new = stop.is_some() && stop != self.told_of;
         if let Some(what) = monitor::words::waiting(&auxiliary).filter(|_| new) {
             tracing::warn!("the program waits for {what}: `quadrant resume` goes on");
@@ -100,12 +97,7 @@ impl Progress {
 
 /// A bar of a thousand steps with a message beside it; hidden unless it is wanted and standard error is a terminal.
 pub fn bar(wanted: bool) -> ProgressBar {
-    let target = if wanted {
-        target()
-    } else {
-        ProgressDrawTarget::hidden()
-    };
-    let bar = ProgressBar::with_draw_target(Some(1000), target);
+    let bar = ProgressBar::with_draw_target(Some(1000), target(wanted));
     if let Ok(style) = ProgressStyle::with_template("{bar:30} {percent:>3} %  {msg}") {
         bar.set_style(style);
     }
@@ -114,8 +106,8 @@ pub fn bar(wanted: bool) -> ProgressBar {
 }
 
 /// Standard error, if it is a terminal.
-fn target() -> ProgressDrawTarget {
-    if std::io::stderr().is_terminal() {
+fn target(wanted: bool) -> ProgressDrawTarget {
+    if wanted && std::io::stderr().is_terminal() {
         ProgressDrawTarget::term_like_with_hz(Box::new(BarTerminal::default()), 10)
     } else {
         ProgressDrawTarget::hidden()
@@ -150,10 +142,7 @@ impl BarTerminal {
 impl TermLike for BarTerminal {
     fn width(&self) -> u16 {
         let size = rustix::termios::tcgetwinsize(rustix::stdio::stderr());
-        size.ok()
-            .map(|size| size.ws_col)
-            .filter(|width| *width > 0)
-            .unwrap_or(80)
+        size.map_or(80, |size| if size.ws_col > 0 { size.ws_col } else { 80 })
     }
 
     fn move_cursor_up(&self, n: usize) -> io::Result<()> {

@@ -13,7 +13,7 @@ use plant_sim::script::orders;
 
 use crate::check::{self, Checked, Depth};
 use crate::desk::{self, Desk};
-use crate::events::{Event, Events};
+use crate::events::Events;
 use crate::group::{Group, Plan};
 use crate::observers::{Observer, Observers};
 use crate::options::{CleanOptions, RunOptions};
@@ -72,12 +72,8 @@ pub fn run(
         return Err(anyhow!("{name}: {refused}")).input();
     }
     let (checked, faults) = check_all(options, injection)?;
-    let cell_name = options
-        .start
-        .cell
-        .as_deref()
-        .unwrap_or(&checked.machine.name);
-    let place = CellPaths::new(cell_name).input()?;
+    let cell_name = options.start.cell.as_ref();
+    let place = CellPaths::new(cell_name.unwrap_or(&checked.machine.name)).input()?;
     let signals = Signals::catch().environment()?;
     let cell = own(&place).environment()?;
     let observers = desk::observers(desk)?;
@@ -151,12 +147,8 @@ fn check_all(
     injection: Injection,
 ) -> Result<(Checked, Option<Faults>), Failure> {
     program_name(&options.program).input()?;
-    let checked = check::load(
-        &options.start.machine,
-        Some(&options.program),
-        Depth::Beginning,
-    )
-    .input()?;
+    let program = Some(options.program.as_path());
+    let checked = check::load(&options.start.machine, program, Depth::Beginning).input()?;
     for remark in checked.remarks() {
         tracing::warn!("{}: {remark}", options.start.machine.display());
     }
@@ -197,12 +189,8 @@ fn make_run_dir(
     disk_room::check(&folder, machine, level, seconds).environment()?;
     let program = checked.program.as_ref().filter(|_| options.learn);
     let program = program.map(|program| format!("{:016x}", program.source_hash));
-    let trained = training::trained(
-        machine_path,
-        machine,
-        options.start.no_learned,
-        program.as_deref(),
-    );
+    let without = options.start.no_learned;
+    let trained = training::trained(machine_path, machine, without, program.as_deref());
     let trained = trained.input()?;
     let along_path = training::along_path(machine_path, checked, options).input()?;
     let sources = Sources {
@@ -255,23 +243,16 @@ pub fn start(
     signals: &Signals,
 ) -> Result<Group, Failure> {
     let interrupted = || signals.count() > 0;
-    Group::start(cell, machine, plan, &interrupted).map_err(|error| {
-        if interrupted() {
-            Failure::Interrupted
-        } else {
-            Failure::Environment(error)
-        }
+    Group::start(cell, machine, plan, &interrupted).map_err(|error| match interrupted() {
+        true => Failure::Interrupted,
+        false => Failure::Environment(error),
     })
 }
 
 /// Writes down who was started.
 pub fn note_started(group: &Group, events: &mut Events) {
     for (process, pid) in group.living() {
-        events.write(&Event {
-            process: Some(process),
-            pid: Some(pid),
-            ..Event::of_cell(0, "started", None)
-        });
+        events.note_started(process, pid, 0, "started");
     }
 }
 
@@ -299,52 +280,43 @@ fn load_faults(path: &Path, checked: &Checked, injection: Injection) -> anyhow::
 }
 
 fn conclude(ending: Ending, made: Option<anyhow::Result<String>>, folder: &Path) -> Outcome {
+    let shown = folder.display();
     match &made {
         None => say(&format!(
-            "Without a log (--log), so without a report. Run directory: {}",
-            folder.display()
+            "Without a log (--log), so without a report. Run directory: {shown}"
         )),
-        Some(Ok(text)) => {
-            say(text);
-            say(&format!("Run directory: {}", folder.display()));
-        }
+        Some(Ok(text)) => say(&format!("{text}\nRun directory: {shown}")),
         Some(Err(error)) => {
             let why = exit::words(error);
-            tracing::error!("no report could be made of {}: {why}", folder.display());
+            tracing::error!("no report could be made of {shown}: {why}");
         }
     }
     if ending.interruptions > 1 {
         return Err(Failure::Interrupted);
     }
+    let stop = &ending.stop;
     if !ending.in_order {
-        return Err(Failure::Stopped(anyhow!(
-            "the machine did not come to rest in order"
-        )));
+        return Err(Failure::stopped(
+            "the machine did not come to rest in order",
+        ));
     }
     if let Some(death) = ending.deaths.iter().find(|d| d.is_loss()) {
         if death.status.code() == Some(3) {
-            return Err(Failure::Environment(anyhow!(
+            return Err(Failure::environment(format!(
                 "{} could not go on",
                 death.name
             )));
         }
-        let stop = format!(": {}", ending.stop);
-        let end = ending.last.map_or("", |_| &stop);
-        return Err(Failure::Stopped(anyhow!(
-            "{} {}{end}",
-            death.name,
-            death.words()
-        )));
+        let end = ending.last.map_or(String::new(), |_| format!(": {stop}"));
+        let words = death.words();
+        return Err(Failure::stopped(format!("{} {words}{end}", death.name)));
     }
     if ending.files_removed {
-        return Err(Failure::Stopped(anyhow!(
-            "files of the cell were removed: {}",
-            ending.stop
-        )));
+        let what = "files of the cell were removed";
+        return Err(Failure::stopped(format!("{what}: {stop}")));
     }
-    let last = ending
-        .last
-        .ok_or_else(|| Failure::Environment(anyhow!("no scan ever ran")))?;
+    let last = ending.last;
+    let last = last.ok_or_else(|| Failure::environment("no scan ever ran"))?;
     match Mode::from_wire(last.mode) {
         Some(Mode::Stopped | Mode::Disabled) if ending.interruptions > 0 && last.cause == 0 => {
             Err(Failure::Interrupted)
@@ -353,7 +325,7 @@ fn conclude(ending: Ending, made: Option<anyhow::Result<String>>, folder: &Path)
             made.transpose().map_err(Failure::Environment)?;
             Ok(())
         }
-        _ => Err(Failure::Stopped(anyhow!(ending.stop))),
+        _ => Err(Failure::stopped(ending.stop)),
     }
 }
 
@@ -362,9 +334,7 @@ pub fn clean(options: &CleanOptions) -> Outcome {
     logs::init_launcher();
     let place = CellPaths::new(&options.cell).input()?;
     let cell = place.own(CLEAN_PATIENCE).environment()?;
-    say(&format!(
-        "cell {}: {} files removed",
-        options.cell, cell.leftovers
-    ));
+    let (name, files) = (&options.cell, cell.leftovers);
+    say(&format!("cell {name}: {files} files removed"));
     Ok(())
 }

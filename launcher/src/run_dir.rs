@@ -14,7 +14,7 @@ use machine::{KeptFiles, Machine};
 use crate::retention::RUNS;
 
 /// A run directory with its copies.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct RunDir {
     /// The folder.
     pub folder: PathBuf,
@@ -89,19 +89,13 @@ pub const SETTINGS_FILES: [&str; 6] = [
 ];
 
 /// Files of a run directory that are not the program.
-const RESERVED: [&str; 13] = [
-    "machine.toml",
-    "learned.toml",
-    "learned-path.csv",
-    "plant.toml",
+const RESERVED: [&str; 7] = [
     "run.mcap",
     "report.json",
     "report.txt",
     "report.html",
     "events.jsonl",
     "messages.jsonl",
-    "orders.toml",
-    "faults.toml",
     monitor::MARK_FILE,
 ];
 
@@ -120,7 +114,8 @@ pub fn program_name(program: &Path) -> anyhow::Result<&str> {
     let is_black_box = name.starts_with(monitor::BLACK_BOX_PREFIX);
     // Folders of comparisons.
     let is_against = name.starts_with("against-");
-    if RESERVED.contains(&name) || is_log || is_black_box || is_against || name.ends_with(".svg") {
+    let is_reserved = SETTINGS_FILES.contains(&name) || RESERVED.contains(&name);
+    if is_reserved || is_log || is_black_box || is_against || name.ends_with(".svg") {
         bail!("{shown}: a file of that name is written by the run itself: rename the program");
     }
     Ok(name)
@@ -128,6 +123,13 @@ pub fn program_name(program: &Path) -> anyhow::Result<&str> {
 
 /// The hash of a smaller program is taken again by whoever reads it. None of these is loaded into a cell: nothing is kept beside those.
 const HASHED_BYTES: u64 = program::FILE_BYTES_MAX;
+
+/// Writes a file of this name.
+fn write_into(folder: &Path, text: &[u8], name: &str) -> anyhow::Result<PathBuf> {
+    let to = folder.join(name);
+    fs::write(&to, text).with_context(|| format!("{}: cannot be written", to.display()))?;
+    Ok(to)
+}
 
 impl RunDir {
     /// Takes it away again: nothing was started.
@@ -151,21 +153,14 @@ impl RunDir {
             }
         }
         fs::create_dir_all(folder).with_context(|| format!("{shown}: cannot be made"))?;
-        let copy = |from: &Path, name: &Path| -> anyhow::Result<PathBuf> {
-            let to = folder.join(name);
-            let text =
-                fs::read(from).with_context(|| format!("{}: cannot be read", from.display()))?;
-            fs::write(&to, text).with_context(|| format!("{}: cannot be written", to.display()))?;
-            Ok(to)
+        let write = |text: &str, name: &str| write_into(folder, text.as_bytes(), name);
+        let copy = |from: &Path, name: &str| {
+            let text = fs::read(from);
+            let text = text.with_context(|| format!("{}: cannot be read", from.display()))?;
+            write_into(folder, &text, name)
         };
-        let copy_if = |from: Option<&Path>, name: &str| {
-            from.map(|from| copy(from, Path::new(name))).transpose()
-        };
-        let write = |text: &str, name: &Path| -> anyhow::Result<PathBuf> {
-            let to = folder.join(name);
-            fs::write(&to, text).with_context(|| format!("{}: cannot be written", to.display()))?;
-            Ok(to)
-        };
+        let copy_if =
+            |from: Option<&Path>, name: &str| from.map(|from| copy(from, name)).transpose();
         let machine = Machine::load(sources.machine)?;
         let kept_files = machine.kept_files.clone();
         let user_codes = machine.user_code_folder(sources.machine);
@@ -182,17 +177,13 @@ impl RunDir {
                 Ok::<_, anyhow::Error>(to)
             })
             .transpose()?;
-        let learned = sources.learned;
-        learned
-            .map(|text| write(text, Path::new(LEARNED_FILE)))
-            .transpose()?;
+        if let Some(learned) = sources.learned {
+            write(learned, LEARNED_FILE)?;
+        }
         copy_if(sources.learned_path, LEARNED_PATH_FILE)?;
         Ok(RunDir {
             folder: folder.to_path_buf(),
-            machine: write(
-                &machine::snapshot(sources.machine)?,
-                Path::new("machine.toml"),
-            )?,
+            machine: write(&machine::snapshot(sources.machine)?, "machine.toml")?,
             kept_files,
             user_codes,
             plant: copy_if(simulated.then_some(sources.plant), "plant.toml")?,

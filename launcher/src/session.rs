@@ -12,7 +12,7 @@ use bus::drive_codes::cause_words;
 use bus::sample::{Cause, Feedback, Mode, ProgramState};
 use serde_json::Value;
 
-use crate::events::{Event, Events};
+use crate::events::Events;
 use crate::retention::{Retention, folders, is_of_cell};
 use console::logs;
 use console::signals::Signals;
@@ -97,8 +97,7 @@ impl Session {
         while self.started < feedback.run {
             self.started += 1;
             tracing::info!("run {} begins", self.started);
-            let text = Some(format!("run {}", self.started));
-            events.write(&Event::of_cell(feedback.scan, "run begins", text));
+            events.note(feedback.scan, "run begins", format!("run {}", self.started));
         }
         let started = feedback.program == ProgramState::Running as u32;
         let done = feedback.run.saturating_sub(u32::from(started));
@@ -113,7 +112,7 @@ impl Session {
         }
         self.make_reports(feedback.scan, events);
         for (event, text) in self.retention.look() {
-            events.write(&Event::of_cell(feedback.scan, event, Some(text)));
+            events.note(feedback.scan, event, text);
         }
     }
 
@@ -157,7 +156,7 @@ impl Session {
             };
             let text = format!("{}{cause}, program {program}", mode.word());
             tracing::info!("by scan {}: {text}", feedback.scan);
-            events.write(&Event::of_cell(feedback.scan, "state", Some(text)));
+            events.note(feedback.scan, "state", text);
         }
         self.printed = Some(state);
     }
@@ -212,14 +211,12 @@ impl Session {
         if !self.ended {
             command.arg("--background");
         }
-        let child = command
+        command
             .stdin(Stdio::null())
             .stdout(Stdio::null())
-            .stderr(Stdio::piped())
-            // Ctrl-C goes to the launcher alone.
-            .process_group(0)
-            .spawn();
-        match child {
+            .stderr(Stdio::piped());
+        // Ctrl-C goes to the launcher alone.
+        match command.process_group(0).spawn() {
             Ok(mut child) => {
                 if let Some(stderr) = child.stderr.take() {
                     // Without a thread nobody reads them, and the report is made nevertheless.
@@ -249,14 +246,13 @@ impl Session {
         let Ok(Some(status)) = report.child.try_wait() else {
             return;
         };
-        let outcome = if status.success() {
-            outcome_of(&report.folder)
-        } else {
-            format!("no report could be made ({status})")
+        let outcome = match status.success() {
+            true => outcome_of(&report.folder),
+            false => format!("no report could be made ({status})"),
         };
         let text = format!("{}: {outcome}", report.folder.display());
         tracing::info!("run {}: {text}", report.run);
-        events.write(&Event::of_cell(scan, "run over", Some(text)));
+        events.note(scan, "run over", text);
         self.retention.over(report.folder.clone());
         self.report = None;
     }
@@ -269,10 +265,8 @@ fn outcome_of(folder: &Path) -> String {
     let word = |pointer: &str| report.pointer(pointer).and_then(Value::as_str);
     let kind = word("/outcome/kind").unwrap_or("of unknown outcome");
     let why = word("/outcome/reason").map_or(String::new(), |why| format!(" ({why})"));
-    let contour = report
-        .pointer("/contour_error_um/peak")
-        .and_then(Value::as_f64);
-    let contour = contour.map_or(String::new(), |um| {
+    let contour = report.pointer("/contour_error_um/peak");
+    let contour = contour.and_then(Value::as_f64).map_or(String::new(), |um| {
         format!(", contour error {um:.1} µm at most")
     });
     format!("{kind}{why}{contour}")

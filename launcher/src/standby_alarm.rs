@@ -31,48 +31,34 @@ impl StandbyAlarm {
     pub fn look(&mut self, feedback: &Feedback, machine: &Machine) -> Vec<Alarm> {
         self.said.resize(machine.axes.len(), Said::default());
         let limit_scans = STANDBY_ALARM_S / machine.scan_period_s();
-        let axes = feedback
-            .axes()
-            .iter()
-            .zip(&machine.axes)
-            .zip(&mut self.said);
+        let axes = feedback.axes().iter().zip(&machine.axes);
         let mut alarms = Vec::new();
-        for ((axis, settings), said) in axes {
+        for ((axis, settings), said) in axes.zip(&mut self.said) {
             let name = &settings.name;
             let since_s = f64::from(axis.unsynchronised_scans) * machine.scan_period_s();
             let alarm = f64::from(axis.unsynchronised_scans) > limit_scans;
+            let mut raise = |event, words, over| alarms.push(Alarm { event, words, over });
             if alarm && !said.alarm {
-                let state = Redundancy::from_wire(axis.redundancy).unwrap_or_default();
-                alarms.push(Alarm {
-                    event: "standby-alarm",
-                    words: format!(
-                        "axis {name} has been without its standby for {since_s:.1} s ({}): the loss of its servo would stop the machine",
-                        state.words()
-                    ),
-                    over: false,
-                });
+                let state = Redundancy::from_wire(axis.redundancy)
+                    .unwrap_or_default()
+                    .words();
+                let words = format!(
+                    "axis {name} has been without its standby for {since_s:.1} s ({state}): the loss of its servo would stop the machine"
+                );
+                raise("standby-alarm", words, false);
             }
             if !alarm && said.alarm {
-                alarms.push(Alarm {
-                    event: "standby-back",
-                    words: format!("axis {name} has its standby again"),
-                    over: true,
-                });
+                let words = format!("axis {name} has its standby again");
+                raise("standby-back", words, true);
             }
-            if axis.differences > said.differences {
-                alarms.push(Alarm {
-                    event: "standby-differs",
-                    words: format!(
-                        "the two servos of axis {name} have commanded different things, {} times in all: one of them computes wrongly",
-                        axis.differences
-                    ),
-                    over: false,
-                });
+            let differences = axis.differences;
+            if differences > said.differences {
+                let words = format!(
+                    "the two servos of axis {name} have commanded different things, {differences} times in all: one of them computes wrongly"
+                );
+                raise("standby-differs", words, false);
             }
-            *said = Said {
-                alarm,
-                differences: axis.differences,
-            };
+            *said = Said { alarm, differences };
         }
         alarms
     }

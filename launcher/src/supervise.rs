@@ -13,7 +13,7 @@ use machine::Machine;
 use plant_sim::script::faults::FaultScript;
 
 use crate::events::{Event, Events};
-use crate::fault_injector::FaultInjector;
+use crate::fault_injector;
 use crate::group::{Death, Group, LEAVE_LIMIT, LEAVE_LIMIT_AFTER_MACHINE};
 use crate::hangs::Hangs;
 use crate::hints;
@@ -130,7 +130,7 @@ struct Supervision<'a> {
     session: Option<Session>,
     observers: Observers,
     user_codes: Option<UserCodes>,
-    faults: Option<FaultInjector>,
+    faults: Option<FaultScript>,
     watch: Watch,
     signals: &'a Signals,
     events: &'a mut Events,
@@ -197,7 +197,7 @@ impl<'a> Supervision<'a> {
             session: subject.session,
             observers: subject.observers,
             user_codes,
-            faults: subject.faults.map(FaultInjector::new),
+            faults: subject.faults,
             watch,
             signals,
             events,
@@ -275,14 +275,12 @@ impl<'a> Supervision<'a> {
             if !message.log_only {
                 tracing::info!("the program says, {text}");
             }
-            let event = Event::of_cell(feedback.scan, "message", Some(text));
-            self.events.write(&event);
+            self.events.note(feedback.scan, "message", text);
         }
         if heard.dropped > 0 {
             let text = format!("{} messages of the program are lost", heard.dropped);
             tracing::warn!("{text}: they were said faster than they could be read");
-            let event = Event::of_cell(feedback.scan, "messages-lost", Some(text));
-            self.events.write(&event);
+            self.events.note(feedback.scan, "messages-lost", text);
         }
     }
 
@@ -297,8 +295,7 @@ impl<'a> Supervision<'a> {
             } else {
                 tracing::warn!("{}", alarm.words);
             }
-            let event = Event::of_cell(feedback.scan, alarm.event, Some(alarm.words));
-            self.events.write(&event);
+            self.events.note(feedback.scan, alarm.event, alarm.words);
         }
     }
 
@@ -315,8 +312,7 @@ impl<'a> Supervision<'a> {
         if is_tripped && !self.tripped {
             let how = stop_words(feedback, self.machine, None);
             tracing::error!("{how}");
-            let event = Event::of_cell(feedback.scan, "trip", Some(how));
-            self.events.write(&event);
+            self.events.note(feedback.scan, "trip", how);
         }
         self.tripped = is_tripped;
     }
@@ -349,8 +345,8 @@ impl<'a> Supervision<'a> {
             tracing::error!(
                 "{text}: nobody reaches the cell any more, and nobody who is lost is replaced"
             );
-            let event = Event::of_cell(self.group.newest_scan(), "files removed", Some(text));
-            self.events.write(&event);
+            let scan = self.group.newest_scan();
+            self.events.note(scan, "files removed", text);
             self.files_removed = true;
             self.ends = Some("files of the cell were removed");
         } else if self.faults.is_none() {
@@ -365,10 +361,8 @@ impl<'a> Supervision<'a> {
             return;
         }
         for process in self.hangs.end(self.group) {
-            self.events.write(&Event {
-                process: Some(&process),
-                ..Event::of_cell(self.group.newest_scan(), "hangs", Some("killed".into()))
-            });
+            let scan = self.group.newest_scan();
+            self.events.note_of(&process, scan, "hangs", "killed");
         }
     }
 
@@ -403,11 +397,8 @@ impl<'a> Supervision<'a> {
         self.supervisor.start_due(self.group);
         for (process, pid) in self.group.admit_ready() {
             tracing::info!("{process} restarted");
-            self.events.write(&Event {
-                process: Some(&process),
-                pid: Some(pid),
-                ..Event::of_cell(self.group.newest_scan(), "restarted", None)
-            });
+            let scan = self.group.newest_scan();
+            self.events.note_started(&process, pid, scan, "restarted");
         }
     }
 
@@ -430,17 +421,15 @@ impl<'a> Supervision<'a> {
 
     /// Does what the master asks for in the name of a fault script, as long as it asks.
     fn serve_faults(&mut self) {
-        let Some(faults) = &mut self.faults else {
+        let Some(faults) = &self.faults else {
             return;
         };
         loop {
-            match faults.serve(self.group, &self.supervisor) {
+            match fault_injector::serve(faults, self.group, &self.supervisor) {
                 Ok(Some(served)) => {
                     if let Some((scan, word, process)) = &served.event {
-                        self.events.write(&Event {
-                            process: Some(process),
-                            ..Event::of_cell(*scan, word, Some("by the fault script".into()))
-                        });
+                        let by = "by the fault script";
+                        self.events.note_of(process, *scan, word, by);
                     }
                     let for_good = |d: &Death| d.job == Job::Planner && !d.replaced;
                     if served.death.as_ref().is_some_and(for_good) {
@@ -487,15 +476,13 @@ impl<'a> Supervision<'a> {
         }
         self.stop_since = Some(Instant::now());
         service_manager::stopping();
-        let event = Event::of_cell(self.group.newest_scan(), "stop", Some(why.into()));
-        self.events.write(&event);
+        self.events.note(self.group.newest_scan(), "stop", why);
         tracing::info!("{why}: the tool comes to rest on the path (Ctrl-C {again} stops at once)");
     }
 
     fn stop_is_overdue(&self) -> bool {
-        let overdue = self
-            .stop_since
-            .is_some_and(|since| since.elapsed() > STOP_LIMIT);
+        let since = self.stop_since;
+        let overdue = since.is_some_and(|since| since.elapsed() > STOP_LIMIT);
         if overdue {
             let limit_s = STOP_LIMIT.as_secs();
             tracing::error!("not at rest {limit_s} s after it was ordered to stop");
@@ -579,9 +566,8 @@ impl<'a> Supervision<'a> {
             LEAVE_LIMIT
         };
         let before = self.signals.count();
-        let mut left = self
-            .group
-            .wait_until_left(limit, &|| self.signals.count() > before);
+        let interrupted = || self.signals.count() > before;
+        let mut left = self.group.wait_until_left(limit, &interrupted);
         if self.is_over() {
             left.iter_mut().for_each(Death::note_after_end);
         }
@@ -594,10 +580,7 @@ impl<'a> Supervision<'a> {
 fn note_deaths(deaths: &[Death], scan: u64, events: &mut Events) {
     for death in deaths.iter().filter(|death| !death.status.success()) {
         tracing::error!("{} {}", death.name, death.words());
-        events.write(&Event {
-            process: Some(&death.name),
-            ..Event::of_cell(scan, "died", Some(death.words()))
-        });
+        events.note_of(&death.name, scan, "died", death.words());
     }
 }
 
@@ -618,37 +601,25 @@ pub fn stop_words(feedback: &Feedback, machine: &Machine, messages: Option<&Path
     let index = feedback.cause_axis as usize;
     let code = feedback.axes.get(index).map_or(0, |axis| axis.drive_code);
     let cause = Cause::from_wire(feedback.cause);
-    let cause = cause.map_or_else(
-        || "an unknown cause".into(),
-        |cause| machine.cause_words(cause, index, code),
-    );
-    let axis = machine
-        .axes
-        .get(index)
-        .map_or(String::new(), |axis| format!(", axis {}", axis.name));
-    let given_up = Some(Cause::Abort) == Cause::from_wire(feedback.cause);
-    let said = messages
-        .filter(|_| given_up)
-        .and_then(|messages| last_said(messages, feedback));
-    let said = said.map_or(String::new(), |said| {
-        format!(", line {}: {}", said.line, said.text)
-    });
-    match Mode::from_wire(feedback.mode) {
-        Some(Mode::Tripped) => format!(
-            "the machine tripped in scan {}: {cause}{axis}",
-            feedback.cause_scan
-        ),
-        Some(mode) if feedback.cause != 0 => {
-            format!(
-                "the machine is {} in scan {}: {cause}{said}",
-                mode.word(),
-                feedback.scan
-            )
-        }
-        Some(mode) => format!("the machine is {} in scan {}", mode.word(), feedback.scan),
-        None => format!(
-            "the machine is in an unknown mode in scan {}",
-            feedback.scan
-        ),
+    let words = match cause {
+        Some(cause) => machine.cause_words(cause, index, code),
+        None => "an unknown cause".into(),
+    };
+    let mode = Mode::from_wire(feedback.mode);
+    if mode == Some(Mode::Tripped) {
+        let axis = machine.axes.get(index);
+        let axis = axis.map_or(String::new(), |axis| format!(", axis {}", axis.name));
+        let scan = feedback.cause_scan;
+        return format!("the machine tripped in scan {scan}: {words}{axis}");
+    }
+    let word = mode.map_or("in an unknown mode", Mode::word);
+    let stands = format!("the machine is {word} in scan {}", feedback.scan);
+    if mode.is_none() || feedback.cause == 0 {
+        return stands;
+    }
+    let messages = messages.filter(|_| cause == Some(Cause::Abort));
+    match messages.and_then(|messages| last_said(messages, feedback)) {
+        Some(said) => format!("{stands}: {words}, line {}: {}", said.line, said.text),
+        None => format!("{stands}: {words}"),
     }
 }

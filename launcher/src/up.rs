@@ -2,7 +2,6 @@
 
 use std::path::Path;
 
-use anyhow::anyhow;
 use bus::cell::CellPaths;
 use bus::member::Pace;
 use bus::sample::Job;
@@ -130,39 +129,34 @@ fn say_up(cell_name: &str, machine: &Machine, records: bool, folder: &Path) {
 
 fn conclude(ending: &Ending, cell: &str) -> Outcome {
     if !ending.in_order {
-        return Err(if ending.interruptions > 1 {
-            Failure::Interrupted
-        } else {
-            Failure::Stopped(anyhow!("the machine did not come to rest in order"))
+        return Err(match ending.interruptions {
+            0 | 1 => Failure::stopped("the machine did not come to rest in order"),
+            _ => Failure::Interrupted,
         });
     }
     let needed = |job| matches!(job, Job::Master | Job::Planner);
     let mut lost = ending.deaths.iter().filter(|d| needed(d.job));
     if let Some(death) = lost.find(|d| d.is_loss()) {
-        return Err(Failure::Stopped(anyhow!(
+        return Err(Failure::stopped(format!(
             "{} {}",
             death.name,
             death.words()
         )));
     }
+    let stop = &ending.stop;
     if ending.files_removed {
-        return Err(Failure::Stopped(anyhow!(
-            "files of the cell were removed: {}",
-            ending.stop
-        )));
+        let what = "files of the cell were removed";
+        return Err(Failure::stopped(format!("{what}: {stop}")));
     }
     if ending.last.is_none_or(|last| last.last == 0) {
-        return Err(Failure::Stopped(anyhow!(
-            "the master left before it was told to: {}",
-            ending.stop
-        )));
+        let what = "the master left before it was told to";
+        return Err(Failure::stopped(format!("{what}: {stop}")));
     }
     say(&format!("Cell {cell} is down"));
     let no_room = |death: &&Death| death.job == Job::Monitor && death.status.code() == Some(3);
     if ending.deaths.iter().any(|death| no_room(&death)) {
-        return Err(Failure::Environment(anyhow!(
-            "the recorder could not go on: a log is not whole, as was said above"
-        )));
+        let what = "the recorder could not go on: a log is not whole, as was said above";
+        return Err(Failure::environment(what));
     }
     if ending.interruptions > 0 {
         return Err(Failure::Interrupted);

@@ -53,11 +53,10 @@ impl UserCodes {
             }
             let call = running.call;
             let status = self.end_running();
-            let failed = if has_ended {
-                status.and_then(bad_end)
-            } else {
-                let limit_s = self.patience.as_secs_f64();
-                Some(format!("has not ended within {limit_s} s, and was ended"))
+            let limit_s = self.patience.as_secs_f64();
+            let failed = match has_ended {
+                true => status.and_then(bad_end),
+                false => Some(format!("has not ended within {limit_s} s, and was ended")),
             };
             self.say_end(&call, failed);
         }
@@ -84,10 +83,8 @@ impl UserCodes {
         match command.spawn() {
             Ok(mut child) => {
                 // What it prints is told; a thread that cannot be had only costs that.
-                let _ = child
-                    .stderr
-                    .take()
-                    .map(|lines| logs::forward_all(name, lines));
+                let lines = child.stderr.take();
+                let _ = lines.map(|lines| logs::forward_all(name, lines));
                 let since = Instant::now();
                 self.running = Some(Running { call, child, since });
             }

@@ -54,10 +54,9 @@ impl Waiting {
 
     /// Room for so many bytes; a text that is larger than the queue has room in an empty one.
     fn has_room(&self, bytes: usize) -> bool {
-        let most = if self.dropped > 0 {
-            BYTES_AGAIN
-        } else {
-            BYTES_MAX
+        let most = match self.dropped {
+            0 => BYTES_MAX,
+            _ => BYTES_AGAIN,
         };
         self.bytes == 0 || self.bytes + bytes <= most
     }

@@ -7,7 +7,7 @@ use bus::sample::Job;
 use machine::Process;
 use rustix::process::{Signal, pidfd_send_signal};
 
-use super::{Death, Group, READY_LIMIT};
+use super::{Death, Group, Member, READY_LIMIT, READY_LOOK};
 
 impl Group {
     /// The slot of a process.
@@ -31,17 +31,14 @@ impl Group {
             let is = role.process;
             is.job == process.job && is.axis == process.axis && is.role != process.role
         };
+        let covers = |m: &Member| other(&m.role) && m.takes_part();
         let doubled = matches!(process.job, Job::Servo | Job::Fieldbus);
-        doubled
-            && (0..self.places())
-                .any(|place| self.role_of(place).is_some_and(other) && self.takes_part(place))
+        doubled && self.members.iter().any(covers)
     }
 
     /// Whether the process of this place lives and takes part.
     pub fn takes_part(&self, place: usize) -> bool {
-        self.members
-            .get(place)
-            .is_some_and(|m| m.status.is_none() && m.joining.is_none())
+        self.members.get(place).is_some_and(Member::takes_part)
     }
 
     /// Starts a process in the place of one that has ended; it takes part once [`Group::admit_ready`] has admitted it.
@@ -87,10 +84,8 @@ impl Group {
     /// Ends whoever has not got ready in time; [`Group::reap`] finds it.
     pub fn end_unready(&self) {
         for member in &self.members {
-            let late = member
-                .joining
-                .is_some_and(|since| since.elapsed() > READY_LIMIT);
-            if late && member.status.is_none() {
+            let joining = member.joining.filter(|_| member.status.is_none());
+            if joining.is_some_and(|since| since.elapsed() > READY_LIMIT) {
                 tracing::error!("{} does not get ready: ended", member.role.name);
                 let _ = pidfd_send_signal(&member.ended, Signal::KILL);
             }
@@ -136,19 +131,14 @@ impl Group {
             if !self.admit_ready().is_empty() {
                 return Ok(());
             }
-            let ended = self
-                .members
-                .get_mut(place)
-                .and_then(|m| m.child.try_wait().ok().flatten());
-            if let Some(status) = ended {
+            let member = self.members.get_mut(place);
+            if let Some(status) = member.and_then(|m| m.child.try_wait().ok().flatten()) {
                 bail!("a process ended before it was ready ({status})");
             }
             if started.elapsed() > READY_LIMIT {
                 bail!("not ready after {} s", READY_LIMIT.as_secs());
             }
-            self.page
-                .launcher_signal()
-                .wait(seen, Duration::from_millis(20));
+            self.page.launcher_signal().wait(seen, READY_LOOK);
         }
     }
 
