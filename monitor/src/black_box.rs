@@ -18,7 +18,7 @@ use std::path::{Path, PathBuf};
 use bus::sample::{Cause, Feedback, Mode, Roster};
 use machine::Machine;
 
-use crate::deaths::{Death, Deaths};
+use crate::deaths::Deaths;
 use crate::log::codec::{Codec, Content};
 use crate::log::layout::Extent;
 use crate::log::{Event, LogError, Recorder, RunEnd, RunInfo, Sample, SampleRef};
@@ -140,14 +140,12 @@ impl BlackBox {
         let scan_bytes = scan_bytes(&codec, machine);
         // One period more: a window comes all at once.
         let ring_bytes = scan_bytes * (before_scans as usize + 2 * period_scans.max(1));
+        let ring_bytes = ring_bytes.min(settings.ring_bytes_max);
         let mut black_box = BlackBox {
             settings,
             machine: machine.clone(),
             home: None,
-            ring: Ring::new(
-                ring_bytes.min(settings.ring_bytes_max),
-                before_scans as usize + 1,
-            ),
+            ring: Ring::new(ring_bytes, before_scans as usize + 1),
             filling: Vec::with_capacity(64 << 10),
             codec,
             before_scans,
@@ -166,9 +164,8 @@ impl BlackBox {
     /// Boxes that are started from now on go there; one that is open goes on where it is.
     pub fn move_to(&mut self, home: Option<Home>) {
         self.home = home.map(|mut home| {
-            home.info
-                .files
-                .retain(|(_, data)| data.len() <= FILE_BYTES_MAX);
+            let files = &mut home.info.files;
+            files.retain(|(_, data)| data.len() <= FILE_BYTES_MAX);
             home
         });
         self.told_full = false;
@@ -197,11 +194,8 @@ impl BlackBox {
         self.filling.clear();
         let event = self.judge(sample);
         self.write_some(SCANS_PER_SCAN);
-        if self
-            .open
-            .as_ref()
-            .is_some_and(|open| open.next > open.until)
-        {
+        let is_over = |open: &Open| open.next > open.until;
+        if self.open.as_ref().is_some_and(is_over) {
             self.end_box();
         }
         event
@@ -225,20 +219,15 @@ impl BlackBox {
         let tripped = now.0 == Mode::Tripped as u32 && before.0 != now.0;
         let stopped = now.1 != Cause::None as u32 && before.1 != now.1;
         let mut event = None;
-        while let Some(Death {
-            scan, name, how, ..
-        }) = self.deaths.next_new()
-        {
-            let what = format!("death-{name}");
-            event = self.cause(feedback.scan, scan, &what, how).or(event);
+        while let Some(death) = self.deaths.next_new() {
+            let (scan, what) = (death.scan, format!("death-{}", death.name));
+            event = self.cause(feedback.scan, scan, &what, death.how).or(event);
         }
         if tripped || stopped {
             let what = if tripped { "trip" } else { "stop" };
             let cause = StopCause::of(&self.machine, feedback).short();
-            let words = format!("{what}: {cause}");
-            event = self
-                .cause(feedback.scan, feedback.scan, what, words)
-                .or(event);
+            let (scan, words) = (feedback.scan, format!("{what}: {cause}"));
+            event = self.cause(scan, scan, what, words).or(event);
         }
         event
     }
@@ -277,8 +266,7 @@ impl BlackBox {
         let mut info = home.info.clone();
         let settings = &mut info.settings;
         settings.insert("black_box".into(), format!("{words}, scan {scan}"));
-        let started = begin(&home.directory, scan, what, &self.machine, &info);
-        let (path, mut recorder) = match started {
+        let (path, mut recorder) = match begin(&home.directory, scan, what, &self.machine, &info) {
             Ok(started) => started,
             Err(error) => {
                 tracing::warn!("black box of {words}, scan {scan}, is not saved: {error}");

@@ -54,6 +54,12 @@ pub fn run_number(folder: &Path) -> Option<u32> {
     number.parse().ok().filter(|_| number.len() >= 3)
 }
 
+/// A file that cannot be read or written.
+fn failed_at(path: &Path) -> impl FnOnce(std::io::Error) -> MonitorError {
+    let path = path.display().to_string();
+    move |source| MonitorError::File { path, source }
+}
+
 impl Logbook {
     /// Opens the log of the one run; in a cell that stays up none is open before a program is running.
     pub fn new(options: &Options, machine: &Machine) -> Result<Logbook, MonitorError> {
@@ -173,10 +179,6 @@ impl Logbook {
         let program = place.as_ref().and_then(|place| place.program(load));
         let program = program.ok_or(MonitorError::NoProgram(load))?;
         let folder = run_folder(&self.options.out, run, &program);
-        let failed_at = |path: &Path| {
-            let path = path.display().to_string();
-            move |source| MonitorError::File { path, source }
-        };
         fs::create_dir_all(&folder).map_err(failed_at(&folder))?;
         let mut files = vec![program.clone()];
         let session = fs::read_dir(&self.options.out).map_err(failed_at(&self.options.out))?;
@@ -188,13 +190,8 @@ impl Logbook {
             }
         }
         if let Some(place) = &place {
-            note_kept(
-                place,
-                (load, run),
-                &self.machine,
-                &feedback.auxiliary,
-                &folder.join(MACHINE_FILE),
-            )?;
+            let (shown, file) = (&feedback.auxiliary, folder.join(MACHINE_FILE));
+            note_kept(place, (load, run), &self.machine, shown, &file)?;
         }
         self.open(&folder, &program, run, failed, scan)
     }
@@ -241,17 +238,13 @@ fn note_kept(
     shown: &Auxiliaries,
     file: &Path,
 ) -> Result<(), MonitorError> {
-    let failed = |source| MonitorError::File {
-        path: file.display().to_string(),
-        source,
-    };
-    let text = fs::read_to_string(file).map_err(failed)?;
+    let text = fs::read_to_string(file).map_err(failed_at(file))?;
     let noted = KeptTexts::of_run(place, run, machine, shown)
         .map_err(|error| error.to_string())
         .and_then(|kept| with_kept(&text, &kept).map_err(|error| error.to_string()));
     match noted {
         Ok(noted) if noted == text => Ok(()),
-        Ok(text) => fs::write(file, text).map_err(failed),
+        Ok(text) => fs::write(file, text).map_err(failed_at(file)),
         // The planner refuses the program, and says so.
         Err(error) => {
             tracing::error!("{error}");
@@ -269,19 +262,12 @@ fn run_info(
     machine: &Path,
     program: Option<&Path>,
 ) -> Result<RunInfo, MonitorError> {
-    let read = |path: &Path| {
-        fs::read(path).map_err(|source| MonitorError::File {
-            path: path.display().to_string(),
-            source,
-        })
-    };
+    let read = |path: &Path| fs::read(path).map_err(failed_at(path));
     let mut files = vec![(MACHINE_FILE.into(), read(machine)?)];
     let mut name = String::new();
     if let Some(program) = program {
-        name = program.file_name().map_or_else(
-            || "program.ngc".into(),
-            |name| name.to_string_lossy().into_owned(),
-        );
+        let file_name = program.file_name().unwrap_or("program.ngc".as_ref());
+        name = file_name.to_string_lossy().into_owned();
         // A larger one lies in the run's folder alone: an attachment is written from memory.
         if fs::metadata(program).is_ok_and(|of| of.len() <= ATTACHED_BYTES_MAX) {
             files.push((name.clone(), read(program)?));

@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 pub const MESSAGES_FILE: &str = "messages.jsonl";
 
 /// A line of it.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct Line {
     /// Scan in which the path came to it.
     pub scan: u64,
@@ -78,11 +78,9 @@ impl SaidFile {
             return;
         }
         let lines = lines_of(feedback.scan, &heard, self.reader.shown());
-        let text: String = lines
-            .iter()
-            .map(|line| serde_json::to_string(line).unwrap_or_default() + "\n")
-            .collect();
-        let written = self.file.write_all(text.as_bytes());
+        let text = lines.iter();
+        let text = text.map(|line| serde_json::to_string(line).unwrap_or_default() + "\n");
+        let written = self.file.write_all(text.collect::<String>().as_bytes());
         if let Err(error) = &written
             && !self.failed
         {
@@ -95,16 +93,12 @@ impl SaidFile {
 fn lines_of(scan: u64, heard: &Heard, last: u32) -> Vec<Line> {
     let mut lines = Vec::new();
     if heard.dropped > 0 {
+        let first = heard.messages.first();
         lines.push(Line {
             scan,
-            number: heard
-                .messages
-                .first()
-                .map_or(last, |first| first.number - 1),
+            number: first.map_or(last, |first| first.number - 1),
             dropped: Some(heard.dropped),
-            line: None,
-            log_only: false,
-            text: String::new(),
+            ..Line::default()
         });
     }
     lines.extend(heard.messages.iter().map(|message| Line {
