@@ -17,7 +17,7 @@ use monitor::words::shown;
 
 use super::eyes::Eyes;
 use console::exit::{Failure, Kind};
-use console::output::say;
+use console::output::{joined, say};
 use launcher::origin;
 
 /// A cell that has not answered by then is silent.
@@ -345,8 +345,8 @@ impl Client {
             let name = &settings.name;
             format!("axis {name} is outside its travel: jog it inwards (`quadrant jog {name} {way_mm:.3}`)")
         });
-        let words: Vec<String> = words.collect();
-        (!words.is_empty()).then(|| words.join("; "))
+        let words = joined(words, "; ");
+        (!words.is_empty()).then_some(words)
     }
 
     /// Letters of the axes that are not homed, as the feedback has them; none where it says so of none.
@@ -356,10 +356,8 @@ impl Client {
         let missing = axes.filter(|(axis, settings)| {
             settings.homing.is_some() && axis.reference != Reference::Known as u32
         });
-        let names: Vec<&str> = missing
-            .map(|(_, settings)| settings.name.as_str())
-            .collect();
-        (!names.is_empty()).then(|| names.join(" "))
+        let names = joined(missing.map(|(_, settings)| &settings.name), " ");
+        (!names.is_empty()).then_some(names)
     }
 }
 

@@ -2,7 +2,6 @@
 
 use std::time::{Duration, Instant};
 
-use anyhow::anyhow;
 use bus::observer::Held;
 use bus::port::Reader;
 use bus::sample::{AxisFeedback, Cause, Driver, Feedback, Mode, Reference};
@@ -12,6 +11,7 @@ use machine::PositionFeedback;
 use super::Client;
 use super::client::{probe_words, soon_held};
 use console::exit::{Failure, Outcome};
+use console::output::joined;
 use launcher::supervise::stop_words;
 
 /// A cell of which nothing was heard by then is silent.
@@ -58,14 +58,14 @@ impl Eyes<'_> {
                 self.newest = Some(feedback);
                 self.heard = Instant::now();
             } else if gone {
-                let cell = place.name();
-                return Err(Failure::Stopped(anyhow!("cell {cell:?} has ended")));
-            }
-            if self.heard.elapsed() > SILENCE {
-                return Err(Failure::Stopped(anyhow!(
-                    "cell {:?} says nothing any more: its master is lost, or the cell has ended",
+                return Err(Failure::stopped(format!(
+                    "cell {:?} has ended",
                     place.name()
                 )));
+            }
+            if self.heard.elapsed() > SILENCE {
+                let why = "says nothing any more: its master is lost, or the cell has ended";
+                return Err(Failure::stopped(format!("cell {:?} {why}", place.name())));
             }
             if let Some(feedback) = self.newest {
                 return Ok(feedback);
@@ -101,9 +101,7 @@ impl Eyes<'_> {
                     return Ok(now);
                 }
                 Some(Mode::Jogging) => {}
-                Some(Mode::Tripped) => {
-                    return Err(self.client.fails("the machine has tripped"));
-                }
+                Some(Mode::Tripped) => return Err(self.client.fails("the machine has tripped")),
                 _ if probed.is_some() => {
                     return Err(self.client.fails(probed.unwrap_or_default()));
                 }
@@ -161,9 +159,8 @@ impl Eyes<'_> {
             };
             if now.scan > scan && now.cause != Cause::None as u32 && now.cause_scan > scan {
                 let why = stop_words(&now, &self.client.machine, None);
-                return Err(self
-                    .client
-                    .fails(&format!("the drives did not come on: {why}")));
+                let words = format!("the drives did not come on: {why}");
+                return Err(self.client.fails(&words));
             }
             if now.scan > scan && on && (moves || now.rested == 1) {
                 return Ok(now);
@@ -174,10 +171,8 @@ impl Eyes<'_> {
             }
             were_on |= now.scan > scan && on;
             if asked.elapsed() > DRIVES_ON_WITHIN {
-                let words = format!(
-                    "the drives are not on after {} s",
-                    DRIVES_ON_WITHIN.as_secs()
-                );
+                let limit_s = DRIVES_ON_WITHIN.as_secs();
+                let words = format!("the drives are not on after {limit_s} s");
                 return Err(self.client.fails(&words));
             }
             std::thread::sleep(LOOK);
@@ -203,7 +198,7 @@ impl Eyes<'_> {
                 axis.is_none_or(|axis| axis.reference != Reference::Known as u32)
             });
             let names = missing.filter_map(|index| self.client.machine.axes.get(*index));
-            let names: Vec<&str> = names.map(|axis| axis.name.as_str()).collect();
+            let names = joined(names.map(|axis| &axis.name), " ");
             if names.is_empty() {
                 self.client.say("homed");
                 return Ok(());
@@ -212,8 +207,7 @@ impl Eyes<'_> {
                 None | Some(Cause::None) => "it was stopped",
                 Some(cause) => cause.words(),
             };
-            let words = format!("not homed: {}: {why}", names.join(" "));
-            return Err(self.client.fails(&words));
+            return Err(self.client.fails(&format!("not homed: {names}: {why}")));
         }
     }
 }

@@ -16,6 +16,7 @@ use super::eyes::{Eyes, course};
 use super::jog_tool;
 use crate::options::JogOptions;
 use console::exit::{Failure, Kind, Outcome};
+use console::output::joined;
 use console::signals::Signals;
 
 /// Without a renewal the axis comes to rest after so long, counted in scans.
@@ -161,12 +162,10 @@ fn by_distances(
         let (name, unit) = (client.axis_name(*axis), client.unit(*axis));
         format!("{name} by {} {unit}", rounded(*way))
     });
-    let words: Vec<String> = words.collect();
-    client.say(&format!("jogging {}", words.join(", ")));
+    client.say(&format!("jogging {}", joined(words, ", ")));
     if options.wait {
-        let goals = ways
-            .iter()
-            .map(|(axis, way)| goal(client, &now, *axis, *way));
+        let goals = ways.iter();
+        let goals = goals.map(|(axis, way)| goal(client, &now, *axis, *way));
         let goals: Vec<(usize, i64)> = goals.collect();
         let rested = eyes.until_jogged(answer.scan, &goals)?;
         is_whole(client, &ways, &goals, &now, &rested)?;
@@ -213,17 +212,12 @@ fn goal(client: &Client, now: &Feedback, axis: u32, way: f64) -> (usize, i64) {
     let index = axis as usize;
     let settings = client.machine.axes.get(index);
     let increment_mm = settings.map_or(1.0, machine::Axis::increment_mm);
-    let from = now
-        .axes()
-        .get(index)
-        .map_or(0, |axis| match Driver::from_wire(axis.driver) {
-            Some(Driver::Manual) => course(axis).target(),
-            _ => axis.command_position,
-        });
-    (
-        index,
-        from.saturating_add((way / increment_mm).round() as i64),
-    )
+    let from = match now.axes().get(index) {
+        Some(axis) if axis.driver == Driver::Manual as u32 => course(axis).target(),
+        axis => axis.map_or(0, |axis| axis.command_position),
+    };
+    let way = (way / increment_mm).round() as i64;
+    (index, from.saturating_add(way))
 }
 
 /// The numbers of a jog are places, not distances.
@@ -302,23 +296,20 @@ impl<'a> Places<'a> {
         };
         let (name, unit) = (client.axis_name(answer.axis), client.unit(answer.axis));
         let (low, high) = (answer.allowed_min_mm, answer.allowed_max_mm);
+        let beyond = Refused::BeyondTravel.words();
         if self.state.as_ref().is_some_and(turns) {
             return format!(
-                "{}: the work coordinates are turned, and from here axis {name} of the machine may go {low:+.3} to {high:+.3} {unit}",
-                Refused::BeyondTravel.words()
+                "{beyond}: the work coordinates are turned, and from here axis {name} of the machine may go {low:+.3} to {high:+.3} {unit}"
             );
         }
         let at = self.shown().get(index).copied().unwrap_or(0.0);
-        let of = if self.state.is_some() {
-            "in work coordinates"
-        } else {
-            "of the machine"
+        let of = match self.state {
+            Some(_) => "in work coordinates",
+            None => "of the machine",
         };
+        let (low, high) = (at + low, at + high);
         format!(
-            "{}: from here {name} may be jogged to places from {:.3} to {:.3} {unit} {of}",
-            Refused::BeyondTravel.words(),
-            at + low,
-            at + high
+            "{beyond}: from here {name} may be jogged to places from {low:.3} to {high:.3} {unit} {of}"
         )
     }
 }
@@ -480,8 +471,7 @@ fn until_interrupted(client: &Client, ways: &[(u32, f64)], speed_mm_s: f64) -> O
         let sign = if *direction > 0.0 { '+' } else { '-' };
         format!("{}{sign}", client.axis_name(*axis))
     });
-    let words: Vec<String> = words.collect();
-    client.say(&format!("jogging {} until Ctrl-C", words.join(" ")));
+    client.say(&format!("jogging {} until Ctrl-C", joined(words, " ")));
     let mut renewed = now.scan;
     let mut ordered_off = false;
     loop {
@@ -575,11 +565,7 @@ impl<'a> JogSender<'a> {
     ///
     /// # Errors
     /// It is refused, or nobody answers.
-    pub fn begin(
-        client: &'a Client,
-        asked: &JogAsked,
-        now: &Feedback,
-    ) -> Result<JogSender<'a>, Failure> {
+    pub fn begin(client: &'a Client, asked: &JogAsked, now: &Feedback) -> Result<Self, Failure> {
         let (sender, answer) = JogSender::ask(client, asked, now)?;
         client.accepted(Order::JogOn, answer)?;
         Ok(sender)
@@ -633,10 +619,8 @@ impl<'a> JogSender<'a> {
 
     /// Whether axes are jogged, as the cell shows it.
     fn moves(now: &Feedback) -> bool {
-        matches!(
-            Mode::from_wire(now.mode),
-            Some(Mode::Jogging | Mode::Stopping)
-        )
+        let mode = Mode::from_wire(now.mode);
+        matches!(mode, Some(Mode::Jogging | Mode::Stopping))
     }
 
     /// Renews it, at another speed unless that is 0; false if it is over. The deadline counts from `seen`, the newest scan that is known.

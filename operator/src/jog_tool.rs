@@ -31,14 +31,9 @@ pub(super) fn jog(client: &Client, asked: &Asked<'_>, options: &JogOptions) -> O
     let bad = |wrong: String| Failure::Input(anyhow!(wrong));
     let machine = &client.machine;
     let setup = Setup::of(machine);
-    let words = match asked {
-        Asked::By(words) => words,
-        Asked::Held(_) => {
-            return Err(bad(
-                "jog Y: an arm makes it, and it goes by distances or to places alone: `jog Y 1`"
-                    .into(),
-            ));
-        }
+    let Asked::By(words) = asked else {
+        let what = "jog Y: an arm makes it, and it goes by distances or to places alone: `jog Y 1`";
+        return Err(bad(what.into()));
     };
     let known = setup.axes.iter().map(|axis| axis.letter.to_string());
     let known: Vec<String> = known.collect();

@@ -67,12 +67,8 @@ impl Subject {
                 continue;
             };
             let files = KeptFiles::of_cell(&place).unwrap_or_default();
-            let uses = [&files.offsets, &files.tools];
-            if !uses
-                .into_iter()
-                .flatten()
-                .any(|used| absolute(used) == named)
-            {
+            let mut uses = [&files.offsets, &files.tools].into_iter().flatten();
+            if !uses.any(|used| absolute(used) == named) {
                 continue;
             }
             drop(cell);
@@ -114,20 +110,16 @@ fn absolute(file: &Path) -> PathBuf {
 /// A file that is wrong is bad input; one that cannot be read or written is the environment's.
 pub(super) fn written(done: Result<(), SettingsFileError>) -> Result<(), Failure> {
     match done {
-        Err(error @ SettingsFileError::Unreadable { .. }) => {
-            Err(Failure::Environment(error.into()))
-        }
+        Err(SettingsFileError::Unreadable { .. }) => done.environment(),
         done => done.input(),
     }
 }
 
 /// A word such as `X=12.5`, in two.
 pub(super) fn pair(word: &str) -> Result<(&str, &str), Failure> {
-    word.split_once('=').ok_or_else(|| {
-        Failure::Input(anyhow!(
-            "{word:?}: a name and its value, such as X=12.5 or length_mm=40.5"
-        ))
-    })
+    let right = "a name and its value, such as X=12.5 or length_mm=40.5";
+    let pair = word.split_once('=');
+    pair.ok_or_else(|| Failure::input(format!("{word:?}: {right}")))
 }
 
 /// A number that is one.

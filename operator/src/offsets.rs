@@ -14,7 +14,7 @@ use super::eyes::Eyes;
 use super::kept::{Subject, is_started, number, pair, written};
 use crate::options::{OffsetsChange, OffsetsOptions, ZeroOptions};
 use console::exit::{Failure, Kind, Outcome};
-use console::output::say;
+use console::output::{joined, say};
 
 /// `offsets`.
 pub fn offsets(options: &OffsetsOptions) -> Outcome {
@@ -27,8 +27,8 @@ pub fn offsets(options: &OffsetsOptions) -> Outcome {
             let first = first_of(offset)?;
             let values = values
                 .iter()
-                .map(|word| value_of(&subject.machine, first, word))
-                .collect::<Result<Vec<_>, _>>()?;
+                .map(|word| value_of(&subject.machine, first, word));
+            let values = values.collect::<Result<Vec<_>, _>>()?;
             change(&subject, &file, |now| now.extend(values))?;
             told(&subject, &file, &offset.to_uppercase())?;
         }
@@ -59,10 +59,7 @@ pub fn zero(options: &ZeroOptions) -> Outcome {
     let letters = letters.collect::<Result<Vec<_>, _>>()?;
     may_touch_off(&subject, &now, &letters)?;
     let offset = options.offset.as_deref().map(str::to_uppercase);
-    let offset = match &offset {
-        Some(name) => name.as_str(),
-        None => in_force(machine),
-    };
+    let offset = offset.as_deref().unwrap_or(in_force(machine));
     let first = first_of(offset)?;
     let length = options.tool.as_deref();
     let applied = machine.beginning.offset_by_letter();
@@ -109,14 +106,12 @@ fn value(machine: &Machine, number: u32) -> f64 {
 
 fn letter_of(machine: &Machine, word: &str) -> Result<char, Failure> {
     let letters = machine.program_letters();
-    let known: Vec<String> = letters.iter().map(char::to_string).collect();
     let upper = word.to_uppercase();
     let found = letters.iter().find(|letter| letter.to_string() == upper);
     found.copied().ok_or_else(|| {
-        Failure::Input(anyhow!(
-            "axis {word:?}: the machine has none of that name; it has {}",
-            known.join(" ")
-        ))
+        let known = joined(&letters, " ");
+        let what = format!("the machine has none of that name; it has {known}");
+        Failure::input(format!("axis {word:?}: {what}"))
     })
 }
 
@@ -183,15 +178,10 @@ fn told(subject: &Subject, file: &Path, offset: &str) -> Outcome {
     };
     let letters = machine.program_letters();
     let values = letters.iter().filter_map(|letter| {
-        let value = value(&machine, parameter_of(first, *letter)?);
-        Some(format!(
-            "{letter} {} {}",
-            shown(value, 4),
-            subject.unit(*letter)
-        ))
+        let value = shown(value(&machine, parameter_of(first, *letter)?), 4);
+        Some(format!("{letter} {value} {}", subject.unit(*letter)))
     });
-    let values: Vec<String> = values.collect();
-    subject.say_changed(&format!("{offset} is {}", values.join("  ")), file);
+    subject.say_changed(&format!("{offset} is {}", joined(values, "  ")), file);
     Ok(())
 }
 
@@ -206,10 +196,8 @@ fn table(subject: &Subject, file: &Path) -> String {
     );
     text.push_str("         ");
     for letter in letters.iter().chain(['R'].iter()) {
-        text.push_str(&format!(
-            "{:>12}",
-            format!("{letter} {}", subject.unit(*letter))
-        ));
+        let heading = format!("{letter} {}", subject.unit(*letter));
+        text.push_str(&format!("{heading:>12}"));
     }
     let row = |name: &str, first: u32, turned: bool, mark: &str| {
         let letters = letters.iter().chain(['R'].iter().filter(|_| turned));
@@ -217,21 +205,13 @@ fn table(subject: &Subject, file: &Path) -> String {
         let values = values.map(|number| format!("{:>12}", shown(value(machine, number), 4)));
         format!("\n{mark}{name:<7}{}", values.collect::<String>())
     };
+    let mark = |is_in_force: bool| if is_in_force { "▸ " } else { "  " };
     for name in WORK_OFFSETS {
-        let mark = if name == in_force(machine) {
-            "▸ "
-        } else {
-            "  "
-        };
-        text.push_str(&row(name, first_parameter(name).unwrap_or(0), true, mark));
+        let (first, mark) = (first_parameter(name), mark(name == in_force(machine)));
+        text.push_str(&row(name, first.unwrap_or(0), true, mark));
     }
-    let applies = value(machine, G92_APPLIES) != 0.0;
-    text.push_str(&row(
-        "G92",
-        G92_APPLIES + 1,
-        false,
-        if applies { "▸ " } else { "  " },
-    ));
+    let mark = mark(value(machine, G92_APPLIES) != 0.0);
+    text.push_str(&row("G92", G92_APPLIES + 1, false, mark));
     text.push_str("\n▸ in force when a program begins");
     if !file.exists() {
         text.push_str(&format!(
@@ -280,24 +260,14 @@ fn json_of(subject: &Subject, file: &Path) -> String {
 
 fn tool_length(machine: &Machine, name: &str) -> Result<[f64; 9], Failure> {
     let number = name.trim_start_matches(['T', 't']).parse().ok();
-    let tool = machine
-        .tools
-        .iter()
-        .find(|tool| Some(tool.number) == number);
+    let tools = machine.tools.iter();
+    let tool = tools.clone().find(|tool| Some(tool.number) == number);
     tool.map(|tool| tool.offset).ok_or_else(|| {
-        let known: Vec<String> = machine
-            .tools
-            .iter()
-            .map(|tool| format!("T{}", tool.number))
-            .collect();
-        Failure::Input(anyhow!(
-            "tool {name:?}: the tool table has {}",
-            if known.is_empty() {
-                "none".into()
-            } else {
-                known.join(" ")
-            }
-        ))
+        let known = match machine.tools.len() {
+            0 => "none".into(),
+            _ => joined(tools.map(|tool| format!("T{}", tool.number)), " "),
+        };
+        Failure::input(format!("tool {name:?}: the tool table has {known}"))
     })
 }
 

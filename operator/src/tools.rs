@@ -10,7 +10,7 @@ use serde_json::{Map, Value, json};
 use super::kept::{Subject, pair, written};
 use crate::options::{ToolChangeOptions, ToolOptions};
 use console::exit::{Failure, Outcome};
-use console::output::say;
+use console::output::{joined, say};
 
 /// `tool`.
 pub fn tool(options: &ToolOptions) -> Outcome {
@@ -37,17 +37,17 @@ pub fn tool(options: &ToolOptions) -> Outcome {
                 now.push(changed.clone());
             })?;
             let keys = keys_of(&changed).into_iter();
-            let keys: Vec<String> = keys.map(|(key, value)| format!("{key} {value}")).collect();
-            subject.say_changed(&format!("T{number} is {}", keys.join(", ")), &file);
+            let keys = joined(keys.map(|(key, value)| format!("{key} {value}")), ", ");
+            subject.say_changed(&format!("T{number} is {keys}"), &file);
         }
         Some(ToolChangeOptions::Remove { tool }) => {
             let number = number_of(tool)?;
             let file = file_of(&subject)?;
             let mut tools = subject.machine.tools.iter();
             if !tools.any(|tool| tool.number == number) {
-                return Err(Failure::Input(anyhow!(
-                    "T{number}: the tool table has {}",
-                    known(&subject)
+                let known = known(&subject);
+                return Err(Failure::input(format!(
+                    "T{number}: the tool table has {known}"
                 )));
             }
             change(&subject, &file, |now| {
@@ -60,12 +60,9 @@ pub fn tool(options: &ToolOptions) -> Outcome {
 }
 
 fn known(subject: &Subject) -> String {
-    let tools = subject.machine.tools.iter();
-    let names: Vec<String> = tools.map(|tool| format!("T{}", tool.number)).collect();
-    if names.is_empty() {
-        "no tools".into()
-    } else {
-        names.join(" ")
+    match subject.machine.tools.as_slice() {
+        [] => "no tools".into(),
+        tools => joined(tools.iter().map(|tool| format!("T{}", tool.number)), " "),
     }
 }
 
@@ -137,16 +134,11 @@ fn table(subject: &Subject) -> String {
 
 fn json_of(subject: &Subject) -> String {
     let tools = subject.machine.tools.iter().map(|tool| {
-        let mut keys: Map<String, Value> = keys_of(tool)
-            .into_iter()
-            .filter(|(key, _)| *key != "name")
-            .map(|(key, value)| {
-                (
-                    key.to_string(),
-                    serde_json::from_str(&value).unwrap_or_default(),
-                )
-            })
-            .collect();
+        let mut keys = Map::new();
+        for (key, value) in keys_of(tool).into_iter().filter(|(key, _)| *key != "name") {
+            let value: Value = serde_json::from_str(&value).unwrap_or_default();
+            keys.insert(key.to_string(), value);
+        }
         keys.insert("name".into(), json!(tool.comment));
         keys.insert("tool".into(), json!(tool.number));
         keys.insert("pocket".into(), json!(tool.pocket));
