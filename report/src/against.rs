@@ -5,6 +5,7 @@ mod tests;
 
 use std::path::{Path, PathBuf};
 
+use console::output::joined;
 use machine::Machine;
 use serde::Serialize;
 use serde_json::{Map, Value as Json, json};
@@ -111,10 +112,9 @@ fn comparable(a: &Path, b: &Path) -> Result<(), ReportError> {
             first.name, second.name
         ));
     }
-    let axes = machines.each_ref().map(|machine| {
-        let names: Vec<&str> = machine.axes.iter().map(|a| a.name.as_str()).collect();
-        names.join(" ")
-    });
+    let axes = machines
+        .each_ref()
+        .map(|machine| joined(machine.axes.iter().map(|axis| &axis.name), " "));
     if axes[0] != axes[1] {
         differ.push(format!("their axes are {} and {}", axes[0], axes[1]));
     }

@@ -3,6 +3,7 @@
 use bus::sample::{
     ANALOG_OUTPUTS, Auxiliaries, DIGITAL_OUTPUTS, FLOOD, Inputs, Levels, MIST, SpindleCommand,
 };
+use console::output::joined;
 use monitor::words::{rev_min, shown, waiting};
 
 /// The coolant that is on.
@@ -61,13 +62,17 @@ pub fn summary(auxiliary: &Auxiliaries) -> Option<String> {
     }
     let outputs = digital_outputs(levels);
     if !outputs.is_empty() {
-        let outputs: Vec<String> = outputs.iter().map(u32::to_string).collect();
-        words.push(format!("outputs {}", outputs.join(" ")));
+        words.push(format!("outputs {}", joined(outputs, " ")));
     }
     if auxiliary.optional_stop == 1 {
         words.push("optional stop on".into());
     }
     (!words.is_empty()).then(|| words.join(", "))
+}
+
+/// What a switch shows.
+pub fn on_or_off(on: bool) -> &'static str {
+    if on { "on" } else { "off" }
 }
 
 /// What the operator has switched otherwise than at the start of a cell, in a few words.
@@ -88,16 +93,15 @@ pub fn panel(single_block: bool, rapid_percent: u32, jog_percent: u32) -> Option
 pub fn switched(before: &Inputs, now: &Inputs) -> Vec<String> {
     let mut changes = Vec::new();
     if before.single_block() != now.single_block() {
-        let word = if now.single_block() { "on" } else { "off" };
-        changes.push(format!("single block {word}"));
+        changes.push(format!("single block {}", on_or_off(now.single_block())));
     }
-    let [was, is] = [before, now].map(Inputs::rapid_override_percent);
-    if was != is {
-        changes.push(format!("rapid override {was} % → {is} %"));
-    }
-    let [was, is] = [before, now].map(Inputs::jog_override_percent);
-    if was != is {
-        changes.push(format!("jog override {was} % → {is} %"));
+    for (what, [was, is]) in [
+        ("rapid", [before, now].map(Inputs::rapid_override_percent)),
+        ("jog", [before, now].map(Inputs::jog_override_percent)),
+    ] {
+        if was != is {
+            changes.push(format!("{what} override {was} % → {is} %"));
+        }
     }
     changes
 }
@@ -122,8 +126,7 @@ pub fn changes(before: &Auxiliaries, now: &Auxiliaries) -> Vec<String> {
     for output in 0..DIGITAL_OUTPUTS {
         let [old, new] = [was, is].map(|levels| levels.digital >> output & 1);
         if old != new {
-            let word = if new == 1 { "on" } else { "off" };
-            changes.push(format!("output {output} {word}"));
+            changes.push(format!("output {output} {}", on_or_off(new == 1)));
         }
     }
     for output in 0..ANALOG_OUTPUTS {
@@ -139,16 +142,14 @@ pub fn changes(before: &Auxiliaries, now: &Auxiliaries) -> Vec<String> {
         changes.push(format!("tool {} in the spindle", now.tool));
     }
     if before.override_disabled != now.override_disabled {
-        let word = if now.override_disabled == 1 {
-            "off"
-        } else {
-            "on"
-        };
+        let word = on_or_off(now.override_disabled != 1);
         changes.push(format!("override switched {word} by the program"));
     }
     if before.optional_stop != now.optional_stop {
-        let word = if now.optional_stop == 1 { "on" } else { "off" };
-        changes.push(format!("optional stop {word}"));
+        changes.push(format!(
+            "optional stop {}",
+            on_or_off(now.optional_stop == 1)
+        ));
     }
     if before.start_line != now.start_line {
         changes.push(match now.start_line {
@@ -157,10 +158,8 @@ pub fn changes(before: &Auxiliaries, now: &Auxiliaries) -> Vec<String> {
         });
     }
     if (before.waiting, before.line) != (now.waiting, now.line) {
-        match waiting(now) {
-            Some(what) => changes.push(format!("waits for {what}")),
-            None => changes.push("waits no longer".into()),
-        }
+        let waits = waiting(now).map(|what| format!("waits for {what}"));
+        changes.push(waits.unwrap_or("waits no longer".into()));
     }
     changes
 }

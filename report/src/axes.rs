@@ -201,13 +201,10 @@ impl AxisReport {
 
     /// Unit of its deviations.
     pub(super) fn deviation_unit(&self) -> &'static str {
-        let rotary = self.is_rotary();
-        let kind = if rotary {
-            AxisKind::Rotary
-        } else {
-            AxisKind::Linear
-        };
-        kind.deviation_unit()
+        match self.is_rotary() {
+            true => AxisKind::Rotary.deviation_unit(),
+            false => AxisKind::Linear.deviation_unit(),
+        }
     }
 }
 
@@ -268,8 +265,7 @@ impl BlockReport {
     /// Largest following error of an axis, in its unit.
     pub(super) fn following_error_peak(&self, axis: &str) -> Option<f64> {
         let slide = self.following_error_um_peak.get(axis);
-        slide
-            .or_else(|| self.following_error_mdeg_peak.get(axis))
-            .copied()
+        let rotary = self.following_error_mdeg_peak.get(axis);
+        slide.or(rotary).copied()
     }
 }

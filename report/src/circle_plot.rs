@@ -257,12 +257,12 @@ fn grid(area: &Area, first: &ArcResult, evaluation: &Evaluation) -> Drawn {
         plot::line(area, ends, plot::stroke(GRID, 1.0))?;
     }
     for division in -DIVISIONS..=DIVISIONS {
-        let style = if division == 0 {
-            plot::stroke(SOFT, 1.2)
+        let (colour, pixels) = if division == 0 {
+            (SOFT, 1.2)
         } else {
-            plot::stroke(GRID, 1.0)
+            (GRID, 1.0)
         };
-        ring(area, division.into(), style)?;
+        ring(area, division.into(), plot::stroke(colour, pixels))?;
     }
     cross(area)?;
     for (index, quadrant) in ["I", "II", "III", "IV"].into_iter().enumerate() {
@@ -271,11 +271,8 @@ fn grid(area: &Area, first: &ArcResult, evaluation: &Evaluation) -> Drawn {
         let place = place(angle_rad, divisions);
         plot::text(area, quadrant, place, 13, &SOFT, HPos::Center)?;
     }
-    for (index, angle) in [0.0, 1.0, 2.0, 3.0]
-        .map(|k| k * FRAC_PI_2)
-        .into_iter()
-        .enumerate()
-    {
+    for index in 0..4 {
+        let angle = index as f64 * FRAC_PI_2;
         let axis = first.circle.plane.get(index % 2).copied().unwrap_or(0);
         let sign = if index < 2 { "+" } else { "−" };
         let label = format!("{}{sign}", evaluation.coordinate(axis));
@@ -420,22 +417,10 @@ fn bar(area: &Area, y: f64, colour: RGBColor, width: f64) -> Drawn {
 
 fn scale_captions(area: &Area, division_um: f64) -> Drawn {
     let scale = format!("1 division = {} µm", tidy(division_um));
-    plot::text(
-        area,
-        &scale,
-        at(f64::from(WIDTH - 40), 38.0),
-        17,
-        &INK,
-        HPos::Right,
-    )?;
-    plot::text(
-        area,
-        "radial deviation, outward +, about the least-squares circle",
-        at(f64::from(WIDTH - 40), 68.0),
-        13,
-        &SOFT,
-        HPos::Right,
-    )
+    let right = f64::from(WIDTH - 40);
+    plot::text(area, &scale, at(right, 38.0), 17, &INK, HPos::Right)?;
+    let what = "radial deviation, outward +, about the least-squares circle";
+    plot::text(area, what, at(right, 68.0), 13, &SOFT, HPos::Right)
 }
 
 fn captions(area: &Area, runs: &[&ArcResult], division_um: f64) -> Drawn {
@@ -445,10 +430,9 @@ fn captions(area: &Area, runs: &[&ArcResult], division_um: f64) -> Drawn {
         let y = f64::from(CAPTIONS_Y + 60 * index as i32);
         bar(area, y, table, 3.0)?;
         bar(area, y + 23.0, motor, 1.5)?;
-        let turn = if run.circle.clockwise {
-            "clockwise"
-        } else {
-            "counter-clockwise"
+        let turn = match run.circle.clockwise {
+            true => "clockwise",
+            false => "counter-clockwise",
         };
         let fit = &run.table.fit;
         let (radial, radius_um) = (run.table.radial_um, fit.radius_error_mm * 1e3);

@@ -7,7 +7,7 @@ use serde_json::Value as Json;
 use super::axes::{AxisReport, PeakRmsPercentiles};
 use super::cause_sections;
 use super::document::{Block, Columns, Document, Fact, Outcome, Section, digits, section};
-use super::json::{ArcReport, NoteReport, Report, ScanRange};
+use super::json::{ArcReport, Report, ScanRange};
 use super::match_up::orders;
 use super::outcome::OutcomeKind;
 use super::peaks::PeakReport;
@@ -17,6 +17,7 @@ use crate::measure::faults::FaultResult;
 use crate::measure::outcome::Reaction;
 use crate::measure::reversal::ReversalResult;
 use monitor::said::Line;
+use program::Note;
 
 /// Blocks that the text shows: those with the largest contour error.
 const BLOCKS_IN_TEXT: usize = 16;
@@ -68,11 +69,7 @@ pub(super) fn document(report: &Report, pictures: &Pictures) -> Document {
 
 /// What of the program was accepted with a remark.
 fn notes(report: &Report) -> Vec<String> {
-    let line = |note: &NoteReport| match note.count {
-        1 => format!("line {}: {}", note.line, note.text),
-        count => format!("line {}, {count} times: {}", note.line, note.text),
-    };
-    report.notes.iter().map(line).collect()
+    report.notes.iter().map(Note::shown).collect()
 }
 
 /// What happened beside the axes; what comes after the first events is in report.json.

@@ -5,6 +5,7 @@ use std::path::Path;
 
 use super::document::{Block, Cell, Document, Outcome, Row, Section, Table};
 use super::error::ReportError;
+use console::output::joined;
 
 const STYLE: &str = include_str!("html.css");
 
@@ -90,8 +91,8 @@ fn add(block: &Block, folder: &Path, body: &mut String) -> Result<(), ReportErro
         }
         Block::Facts(title, facts) => {
             let known = facts.iter().filter(|fact| fact.value.number.is_some());
-            let known: Vec<String> = known.map(|fact| escape(&fact.to_string())).collect();
-            let (title, known) = (escape(title), known.join(", "));
+            let known = joined(known.map(|fact| escape(&fact.to_string())), ", ");
+            let title = escape(title);
             put(body, format_args!("<p>{title}: {known}</p>"));
         }
         Block::Table(table) => add_table(table, body),

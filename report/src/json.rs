@@ -95,7 +95,7 @@ pub struct Report {
     pub faults: Vec<FaultResult>,
     /// What of the program was accepted with a remark; left out where nothing was.
     #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub notes: Vec<NoteReport>,
+    pub notes: Vec<Note>,
     /// What happened to spindle, coolant, outputs and tool, and what was waited for; left out where nothing did.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub auxiliary_events: Vec<AuxiliaryEvent>,
@@ -112,17 +112,6 @@ pub struct Report {
 
 fn is_none(count: &u64) -> bool {
     *count == 0
-}
-
-/// Something that the program has and that was accepted with a remark.
-#[derive(Debug, Clone, Serialize)]
-pub struct NoteReport {
-    /// First line that has it.
-    pub line: u32,
-    /// How often the program has it.
-    pub count: u32,
-    /// The remark.
-    pub text: String,
 }
 
 /// How a run ended.
@@ -234,6 +223,7 @@ impl Report {
         let whole = evaluation.parts.len() == 1;
         let wall_s = end.as_ref().filter(|_| whole).map(|end| end.wall_s);
         let machine_s = measurements.scans as f64 * measurements.scan_period_s;
+        let real_time = wall_s.filter(|wall_s| *wall_s > 0.0);
         let (ball_bar, one_way_circles) = ball_bars(evaluation);
         let queue_losses = end.as_ref().map_or(0, |end| end.queue_losses);
         Report {
@@ -246,9 +236,7 @@ impl Report {
             outcome: outcome(evaluation),
             scans: measurements.scans,
             wall_s,
-            real_time_factor: wall_s
-                .filter(|wall_s| *wall_s > 0.0)
-                .map(|wall_s| r3(machine_s / wall_s)),
+            real_time_factor: real_time.map(|wall_s| r3(machine_s / wall_s)),
             digest: evaluation.digest.clone(),
             motion_digest: measurements.motion_digest.clone(),
             samples_lost: samples_lost(evaluation).max(queue_losses),
@@ -287,7 +275,7 @@ impl Report {
             limits: measurements.limits,
             processes: measurements.processes.clone(),
             faults: measurements.faults.clone(),
-            notes: evaluation.notes.iter().map(note).collect(),
+            notes: evaluation.notes.clone(),
             auxiliary_events: measurements.auxiliary.clone(),
             messages: evaluation.said.lines.clone(),
             messages_more: evaluation.said.more,
@@ -297,14 +285,11 @@ impl Report {
 
     /// What could not be measured is no number, rather than none of it.
     fn without_instruments(self) -> Report {
-        let not_measured = PeakRms {
+        let mut report = self;
+        report.windows = None;
+        report.contour_error_um = PeakRms {
             peak: f64::NAN,
             rms: f64::NAN,
-        };
-        let mut report = Report {
-            windows: None,
-            contour_error_um: not_measured,
-            ..self
         };
         for block in &mut report.blocks {
             block.contour_error_um_peak = f64::NAN;
@@ -355,14 +340,6 @@ fn said_at_the_end(evaluation: &Evaluation, reason: &StopReason) -> String {
     match evaluation.said.last.as_ref().filter(|_| given_up) {
         Some(said) => format!(", line {}: {}", said.line.unwrap_or(0), said.text),
         None => String::new(),
-    }
-}
-
-fn note(note: &Note) -> NoteReport {
-    NoteReport {
-        line: note.line,
-        count: note.count,
-        text: note.text.clone(),
     }
 }
 

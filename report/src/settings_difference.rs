@@ -7,6 +7,7 @@ use std::path::Path;
 
 use crate::against::Setting;
 use anyhow::Context;
+use console::output::joined;
 use machine::parse_parameters;
 use toml_edit::{DocumentMut, Item, TableLike, Value};
 
@@ -137,8 +138,7 @@ fn table(from: &dyn TableLike, path: &str, keys: &mut Keys) {
 /// A value without the blanks and comments around it.
 fn words(value: &Value) -> String {
     if let Value::Array(array) = value {
-        let all: Vec<String> = array.iter().map(words).collect();
-        return format!("[{}]", all.join(", "));
+        return format!("[{}]", joined(array.iter().map(words), ", "));
     }
     let mut bare = value.clone();
     bare.decor_mut().clear();

@@ -3,6 +3,7 @@
 
 use std::path::Path;
 
+use console::output::joined;
 use machine::AxisKind;
 use plotters::prelude::*;
 
@@ -66,8 +67,7 @@ fn draw_axis(area: &Area, runs: &[&Evaluation], axis: usize) -> Drawn {
         meters.filter_map(|run| run.measurements.axes.get(axis).map(|meter| (meter, run)))
     };
     let joined = |value: &dyn Fn(&AxisMeter) -> String| {
-        let values: Vec<String> = meters().map(|(meter, _)| value(meter)).collect();
-        values.join(" and ")
+        joined(meters().map(|(meter, _)| value(meter)), " and ")
     };
     let name = runs.first().and_then(|run| run.machine.axes.get(axis));
     let unit = name.map_or(AxisKind::Linear, |axis| axis.kind);

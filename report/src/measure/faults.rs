@@ -19,7 +19,7 @@ use machine::{Machine, Process};
 use path::geometry::AxisVector;
 use serde::{Serialize, Serializer};
 
-use super::outcome::{Loss, NotNeeded, Positions, Reaction};
+use super::outcome::{Loss, Reaction, mode_word};
 use crate::rounded::{write_r3, write_um};
 use monitor::deaths::death_of;
 use monitor::words::StopCause;
@@ -297,9 +297,9 @@ impl Watched {
                 },
                 noticed_after_scans,
                 reaction: match participant.job {
-                    job if job == Job::Master as u32 => Reaction::CellEnded,
+                    job if job == Job::Master as u32 => Reaction::Other("the cell ended".into()),
                     job if job == Job::Monitor as u32 => Reaction::None,
-                    _ => Reaction::NotNeeded(NotNeeded::Undisturbed),
+                    _ => Reaction::not_needed("motion went on undisturbed"),
                 },
                 contour_error_mm: 0.0,
                 brake_distance_mm: None,
@@ -362,7 +362,7 @@ impl Watched {
         match Mode::from_wire(feedback.mode) {
             Some(Mode::Tripped) => self.trip(moment),
             Some(Mode::Disabled) if first_look => {
-                self.result.reaction = Reaction::NotNeeded(NotNeeded::DrivesOff);
+                self.result.reaction = Reaction::not_needed("the drives were off");
                 self.settle(feedback.scan);
             }
             Some(Mode::Finished | Mode::Disabled | Mode::Jogging | Mode::Ready) | None => {
@@ -372,10 +372,9 @@ impl Watched {
                 let rests = feedback.at_rest == 1 || feedback.window.is_none();
                 let stopped = Mode::from_wire(feedback.mode) == Some(Mode::Stopped);
                 if rests || stopped {
-                    self.result.reaction = if first_look {
-                        Reaction::NotNeeded(NotNeeded::AtRest)
-                    } else {
-                        Reaction::BrakedOnPath
+                    self.result.reaction = match first_look {
+                        true => Reaction::not_needed("the machine was at rest"),
+                        false => Reaction::BrakedOnPath,
                     };
                     self.phase = Phase::AtRest;
                 } else if self.job == Job::Planner as u32
@@ -400,7 +399,7 @@ impl Watched {
             .find(|change| change.axis == axis && change.from == died && change.scan >= earliest)
             .filter(|change| change.to.0 != died.0);
         if let Some(takeover) = takeover {
-            self.result.reaction = Reaction::TookOver;
+            self.result.reaction = Reaction::Other("standby took over".into());
             self.resume(takeover.scan);
             return true;
         }
@@ -408,8 +407,9 @@ impl Watched {
         let drives = moment.feedback.axes().get(axis).map(controller);
         let stood_by = drives.is_some_and(|(role, _)| role != died.0);
         if stood_by {
-            let name = moment.machine.axis_name(axis).to_string();
-            self.result.reaction = Reaction::NotNeeded(NotNeeded::StandbyOf(name));
+            let name = moment.machine.axis_name(axis);
+            let why = format!("axis {name} has no standby until another one is there");
+            self.result.reaction = Reaction::not_needed(&why);
             self.settle(self.result.scan);
         }
         stood_by
@@ -418,15 +418,14 @@ impl Watched {
     fn trip(&mut self, moment: &Moment<'_>) {
         let feedback = moment.feedback;
         let cause = StopCause::of(moment.machine, feedback);
-        let of_this_servo = cause.cause == Some(Cause::ServoLost)
-            && self
-                .servo
-                .is_some_and(|(axis, _)| axis as u32 == feedback.cause_axis);
-        let other = (!of_this_servo).then_some(cause);
-        self.result.reaction = match self.result.reaction {
-            Reaction::BrakedOnPath => Reaction::RestedOnPath(other),
-            _ => Reaction::QuickStopped(other),
+        let own_axis = self.servo.map(|(axis, _)| axis as u32);
+        let of_this_servo =
+            cause.cause == Some(Cause::ServoLost) && own_axis == Some(feedback.cause_axis);
+        let how = match self.result.reaction {
+            Reaction::BrakedOnPath => "master brought it to rest on the path",
+            _ => "all axes quick-stopped together",
         };
+        self.result.reaction = Reaction::stopped(how, (!of_this_servo).then_some(cause));
         self.phase = Phase::Braking { standing_scans: 0 };
         self.brake(moment, 0);
     }
@@ -475,7 +474,8 @@ impl Watched {
         match Mode::from_wire(feedback.mode) {
             // It did not stop for the death: what had been planned was the end of the program.
             Some(Mode::Finished) => {
-                self.result.reaction = Reaction::NotNeeded(NotNeeded::PlannedToEnd);
+                let why = "the program had been planned to its end";
+                self.result.reaction = Reaction::not_needed(why);
                 self.settle(feedback.scan);
             }
             Some(Mode::Tripped) if self.servo.is_some() => self.trip(moment),
@@ -490,10 +490,10 @@ impl Watched {
             return;
         }
         let before = moment.before.map(|(before, _)| before);
-        self.result.reaction = Reaction::DrivesBraked {
-            mode: Mode::from_wire(feedback.mode),
-            positions: before.and_then(|before| self.judge_positions(before, moment)),
-        };
+        let positions = before.and_then(|before| self.judge_positions(before, moment));
+        let positions = positions.map_or(String::new(), |words| format!("; {words}"));
+        let mode = mode_word(Mode::from_wire(feedback.mode));
+        self.result.reaction = Reaction::Other(format!("drives braked, {mode}{positions}"));
         if let Some(step_mm) = self.step_mm(moment) {
             self.result.brake_distance_mm = Some(step_mm);
         }
@@ -506,7 +506,7 @@ impl Watched {
 
     /// Whether each axis is where it can have come to by its own drive's quick stop; none where the log does not reach close
     /// enough to the death.
-    fn judge_positions(&self, before: &Feedback, moment: &Moment<'_>) -> Option<Positions> {
+    fn judge_positions(&self, before: &Feedback, moment: &Moment<'_>) -> Option<String> {
         // The scan of the death may have been simulated still, and one more is the transport delay.
         let unseen = self.result.scan.saturating_sub(before.scan) + 2;
         if unseen > 12 {
@@ -524,14 +524,12 @@ impl Watched {
                 + speed_mm_s * speed_mm_s / axis.quick_stop_mm_s2
                 + 0.01;
             if moved_mm.abs() > most_mm {
-                return Some(Positions::Lost {
-                    axis: axis.name.clone(),
-                    unit: axis.kind.unit(),
-                    moved_mm,
-                    most_mm,
-                });
+                let (name, unit) = (&axis.name, axis.kind.unit());
+                return Some(format!(
+                    "axis {name} came back {moved_mm:.3} {unit} from where it was: at most {most_mm:.3} {unit} would be right"
+                ));
             }
         }
-        Some(Positions::Kept)
+        Some("positions kept".into())
     }
 }

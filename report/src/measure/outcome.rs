@@ -70,7 +70,7 @@ impl fmt::Display for StopReason {
     }
 }
 
-fn mode_word(mode: Option<Mode>) -> &'static str {
+pub(super) fn mode_word(mode: Option<Mode>) -> &'static str {
     mode.map_or("in an unknown mode", Mode::word)
 }
 
@@ -93,110 +93,37 @@ impl fmt::Display for Loss {
     }
 }
 
-/// What the machine did about the loss of a process.
+/// What came of a death.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Reaction {
-    /// Nothing: motion does not depend on the process.
+    /// Motion does not depend on it.
     None,
-    /// Nothing was necessary, although motion depends on the process.
-    NotNeeded(NotNeeded),
-    /// The planner's successor found the machine at rest on the path.
+    /// The axes came to rest on the path.
     BrakedOnPath,
-    /// The standby of the servo's axis took over.
-    TookOver,
-    /// The master commanded the axis along the window to its end, at rest on the path; tripped for this cause, if it is another
-    /// one than the loss of the servo.
-    RestedOnPath(Option<StopCause>),
-    /// All axes braked together off the path; for this cause, if it is another one than the loss of the servo.
-    QuickStopped(Option<StopCause>),
-    /// The master was lost: each drive braked by itself.
-    DrivesBraked {
-        /// Mode in which its successor came up; none if it is not known here.
-        mode: Option<Mode>,
-        /// Whether the axes were where they can have come to; none where the log does not show it.
-        positions: Option<Positions>,
-    },
-    /// The master was lost and not replaced.
-    CellEnded,
+    /// Something else, in words.
+    Other(String),
 }
 
-/// Why nothing was necessary.
-#[derive(Debug, Clone, PartialEq)]
-pub enum NotNeeded {
-    /// Its successor was there in time, or nothing more was asked of it.
-    Undisturbed,
-    /// The drives were off.
-    DrivesOff,
-    /// The machine was at rest.
-    AtRest,
-    /// All setpoints to the end of the program had been published.
-    PlannedToEnd,
-    /// It was the standby of this axis that was lost.
-    StandbyOf(String),
-}
+impl Reaction {
+    /// No reaction was needed, for this reason.
+    pub fn not_needed(why: &str) -> Reaction {
+        Reaction::Other(format!("none: {why}"))
+    }
 
-/// Where the axes were after all drives had braked by themselves.
-#[derive(Debug, Clone, PartialEq)]
-pub enum Positions {
-    /// Where they can have come to.
-    Kept,
-    /// An axis was farther away.
-    Lost {
-        /// Its letter.
-        axis: String,
-        /// Unit of its positions.
-        unit: &'static str,
-        /// How far it was from where it had been, in mm (degrees).
-        moved_mm: f64,
-        /// How far it can have come, in mm (degrees).
-        most_mm: f64,
-    },
+    /// The machine was stopped in this way; the cause, where it is another one than the death.
+    pub fn stopped(how: &str, other: Option<StopCause>) -> Reaction {
+        let cause = other.map_or(String::new(), |cause| format!(" ({cause})"));
+        Reaction::Other(format!("{how}{cause}"))
+    }
 }
 
 impl fmt::Display for Reaction {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Reaction::None => f.write_str("none"),
-            Reaction::NotNeeded(why) => match why {
-                NotNeeded::Undisturbed => f.write_str("none: motion went on undisturbed"),
-                NotNeeded::DrivesOff => f.write_str("none: the drives were off"),
-                NotNeeded::AtRest => f.write_str("none: the machine was at rest"),
-                NotNeeded::PlannedToEnd => {
-                    f.write_str("none: the program had been planned to its end")
-                }
-                NotNeeded::StandbyOf(axis) => write!(
-                    f,
-                    "none: axis {axis} has no standby until another one is there"
-                ),
-            },
-            Reaction::BrakedOnPath => f.write_str("braked to rest on the path"),
-            Reaction::TookOver => f.write_str("standby took over"),
-            Reaction::RestedOnPath(None) => f.write_str("master brought it to rest on the path"),
-            Reaction::RestedOnPath(Some(cause)) => {
-                write!(f, "master brought it to rest on the path ({cause})")
-            }
-            Reaction::QuickStopped(None) => f.write_str("all axes quick-stopped together"),
-            Reaction::QuickStopped(Some(cause)) => {
-                write!(f, "all axes quick-stopped together ({cause})")
-            }
-            Reaction::DrivesBraked { mode, positions } => {
-                write!(f, "drives braked, {}", mode_word(*mode))?;
-                match positions {
-                    None => Ok(()),
-                    Some(Positions::Kept) => f.write_str("; positions kept"),
-                    Some(Positions::Lost {
-                        axis,
-                        unit,
-                        moved_mm,
-                        most_mm,
-                    }) => write!(
-                        f,
-                        "; axis {axis} came back {moved_mm:.3} {unit} from where it was: at most {most_mm:.3} {unit} would be right"
-                    ),
-                }
-            }
-            Reaction::CellEnded => f.write_str("the cell ended"),
-        }
+        f.write_str(match self {
+            Reaction::None => "none",
+            Reaction::BrakedOnPath => "braked to rest on the path",
+            Reaction::Other(words) => words,
+        })
     }
 }
 

@@ -3,12 +3,12 @@
 use std::fmt::Write as _;
 
 use super::Capture;
+use console::output::joined;
 
 /// The first line.
 pub fn header(capture: &Capture) -> String {
     let columns = capture.signals.iter().map(|signal| signal.column());
-    let columns: Vec<String> = columns.collect();
-    format!("capture,scan,time_ms,{}\n", columns.join(","))
+    format!("capture,scan,time_ms,{}\n", joined(columns, ","))
 }
 
 /// One line per scan; time 0 is the trigger. Numbers are written so that reading them gives the same number again.

@@ -1,6 +1,7 @@
 //! What a scope can show: one number per scan, each with its name, its unit and where it comes from.
 
 use bus::sample::{AxisCommand, AxisFeedback, BusCycle, Feedback, MAX_AXES, MAX_SUBSAMPLES, Mode};
+use console::output::joined;
 use machine::{AxisKind, GantryPair, Machine, PositionFeedback};
 use path::geometry::{AxisVector, Path};
 use path::kinematics::Kinematics;
@@ -220,17 +221,18 @@ impl Signal {
         if let Some(signal) = all.iter().find(|s| s.name.eq_ignore_ascii_case(wanted)) {
             return Ok(signal.clone());
         }
-        let letters: Vec<&str> = machine.axes.iter().map(|axis| axis.name.as_str()).collect();
-        let words = |kinds: &[Kind]| {
-            let words: Vec<&str> = kinds.iter().map(|(word, ..)| *word).collect();
-            words.join(", ")
-        };
+        let letters = machine.axes.iter().map(|axis| &axis.name);
+        let words = |kinds: &[Kind]| joined(kinds.iter().map(|(word, ..)| *word), ", ");
         let bus = machine.bus.is_some();
         let right = match wanted.split_once('.') {
             Some(("bus", _)) if bus => format!("the bus has {}", words(&OF_BUS)),
             Some(("bus", _)) => format!("machine {} has no bus", machine.name),
-            Some((axis, _)) if !letters.iter().any(|l| l.eq_ignore_ascii_case(axis)) => {
-                format!("machine {} has axes {}", machine.name, letters.join(", "))
+            Some((axis, _)) if !letters.clone().any(|l| l.eq_ignore_ascii_case(axis)) => {
+                format!(
+                    "machine {} has axes {}",
+                    machine.name,
+                    joined(letters, ", ")
+                )
             }
             Some(_) => format!("an axis has {}", words(&OF_AXIS)),
             None => format!(
@@ -284,29 +286,24 @@ impl Signal {
             .unwrap_or(text.len());
         let (number, unit) = text.split_at(end);
         let unit = unit.trim();
-        let units: Vec<&str> = self.unit.accepted.iter().map(|(word, _)| *word).collect();
-        let right = || match units.as_slice() {
+        let right = || match self.unit.accepted {
             [] => "a plain number".to_string(),
-            units => format!("a number in {}", units.join(", ")),
+            units => format!(
+                "a number in {}",
+                joined(units.iter().map(|(word, _)| word), ", ")
+            ),
         };
-        let number: f64 = number
-            .parse()
-            .ok()
-            .filter(|n: &f64| n.is_finite())
-            .ok_or_else(|| {
-                ScopeError::Input(format!("{text:?} for {}: must be {}", self.name, right()))
-            })?;
+        let wrong = |what: String| {
+            let what = format!("{text:?} for {}: {what}must be {}", self.name, right());
+            ScopeError::Input(what)
+        };
+        let number = number.parse().ok().filter(|n: &f64| n.is_finite());
+        let number = number.ok_or_else(|| wrong(String::new()))?;
         if unit.is_empty() {
             return Ok(number);
         }
         let size = self.unit.accepted.iter().find(|(word, _)| *word == unit);
-        let (_, size) = size.ok_or_else(|| {
-            ScopeError::Input(format!(
-                "{text:?} for {}: unit {unit:?} is none of it: must be {}",
-                self.name,
-                right()
-            ))
-        })?;
+        let (_, size) = size.ok_or_else(|| wrong(format!("unit {unit:?} is none of it: ")))?;
         Ok(number * size)
     }
 }

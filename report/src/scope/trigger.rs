@@ -20,6 +20,7 @@
 use std::collections::VecDeque;
 
 use bus::sample::{Feedback, Mode, Roster};
+use console::output::joined;
 use machine::{Machine, Process};
 
 use super::error::ScopeError;
@@ -87,18 +88,15 @@ fn wrong(text: &str, what: impl std::fmt::Display) -> ScopeError {
 }
 
 fn axis_of(text: &str, letter: &str, machine: &Machine) -> Result<usize, ScopeError> {
-    let found = machine
-        .axes
-        .iter()
-        .position(|axis| axis.name.eq_ignore_ascii_case(letter));
+    let mut letters = machine.axes.iter().map(|axis| &axis.name);
+    let found = letters
+        .clone()
+        .position(|name| name.eq_ignore_ascii_case(letter));
     found.ok_or_else(|| {
-        let letters: Vec<&str> = machine.axes.iter().map(|axis| axis.name.as_str()).collect();
+        let has = joined(letters.by_ref(), ", ");
         wrong(
             text,
-            format!(
-                "there is no axis {letter:?}: the machine has {}",
-                letters.join(", ")
-            ),
+            format!("there is no axis {letter:?}: the machine has {has}"),
         )
     })
 }
@@ -126,11 +124,8 @@ impl Trigger {
             ["mode", word] => {
                 let mode = Mode::ALL.iter().find(|mode| mode.word() == *word);
                 Trigger::Mode(Some(*mode.ok_or_else(|| {
-                    let all: Vec<&str> = Mode::ALL.iter().map(|mode| mode.word()).collect();
-                    wrong(
-                        text,
-                        format!("there is no mode {word:?}: must be {}", all.join(", ")),
-                    )
+                    let all = joined(Mode::ALL.map(Mode::word), ", ");
+                    wrong(text, format!("there is no mode {word:?}: must be {all}"))
                 })?))
             }
             ["reversal", letter, rest @ ..] => Trigger::Reversal {
@@ -140,30 +135,26 @@ impl Trigger {
                     ["+"] => Some(1),
                     ["-"] => Some(-1),
                     _ => {
-                        return Err(wrong(
-                            text,
-                            "behind the axis may stand + or -: the direction after the reversal",
-                        ));
+                        let right =
+                            "behind the axis may stand + or -: the direction after the reversal";
+                        return Err(wrong(text, right));
                     }
                 },
             },
-            ["block", line] => Trigger::Block(
-                u32::try_from(number(line)?)
-                    .map_err(|_| wrong(text, "no program has so many lines"))?,
-            ),
+            ["block", line] => {
+                let line = u32::try_from(number(line)?);
+                Trigger::Block(line.map_err(|_| wrong(text, "no program has so many lines"))?)
+            }
             ["scan", scan] => Trigger::Scan(number(scan)?),
             ["death"] => Trigger::Death(None),
             ["death", process] => {
                 let all = Process::all(machine);
                 let found = all.iter().find(|known| known.name(machine) == *process);
                 Trigger::Death(Some(*found.ok_or_else(|| {
-                    let names: Vec<String> = all.iter().map(|known| known.name(machine)).collect();
+                    let has = joined(all.iter().map(|known| known.name(machine)), ", ");
                     wrong(
                         text,
-                        format!(
-                            "there is no process {process:?}: the machine has {}",
-                            names.join(", ")
-                        ),
+                        format!("there is no process {process:?}: the machine has {has}"),
                     )
                 })?))
             }
@@ -180,8 +171,8 @@ impl Trigger {
             (" falling ", Side::Falling),
         ];
         let found = sides.iter().find_map(|(word, side)| {
-            text.split_once(word)
-                .map(|(left, right)| (left, right, *side))
+            let (left, right) = text.split_once(word)?;
+            Some((left, right, *side))
         });
         let Some((left, right, side)) = found else {
             return Ok(None);
@@ -251,14 +242,14 @@ pub struct Watch {
 impl Watch {
     /// Of a machine.
     pub fn new(trigger: Trigger, machine: &Machine) -> Watch {
+        let turns = machine
+            .axes
+            .iter()
+            .map(|axis| Turns::new(axis.increment_mm()));
         Watch {
             trigger,
             machine: machine.clone(),
-            turns: machine
-                .axes
-                .iter()
-                .map(|axis| Turns::new(axis.increment_mm()))
-                .collect(),
+            turns: turns.collect(),
             first_scan: None,
             last: None,
             held: None,
@@ -276,8 +267,8 @@ impl Watch {
         self.deaths.roster(roster);
         while let Some(death) = self.deaths.next_new() {
             if self.died_in_all.len() < 8 {
-                self.died_in_all
-                    .push(format!("{} in scan {}", death.how, death.scan));
+                let words = format!("{} in scan {}", death.how, death.scan);
+                self.died_in_all.push(words);
             }
             match &self.trigger {
                 Trigger::Death(wanted) if wanted.is_none_or(|wanted| wanted == death.process) => {
@@ -295,11 +286,8 @@ impl Watch {
     pub fn scan(&mut self, set: &ScanSet, feedback: &Feedback, eyes: &Eyes) -> Option<Fired> {
         self.first_scan.get_or_insert(feedback.scan);
         self.deaths.scan(feedback.scan);
-        let follows = self
-            .last
-            .as_ref()
-            .is_none_or(|last| last.scan + 1 == feedback.scan);
-        if !follows {
+        let last = self.last.as_ref();
+        if last.is_some_and(|last| last.scan + 1 != feedback.scan) {
             self.turns.iter_mut().for_each(Turns::interrupt);
         }
         let mut reversed = None;
@@ -345,11 +333,8 @@ impl Watch {
             Trigger::Scan(wanted) => {
                 let first = last.is_none() && now == *wanted;
                 let passed = last.is_some_and(|last| last.scan < *wanted) && now >= *wanted;
-                let what = format!("scan {wanted}");
-                (first || passed).then_some(Fired {
-                    scan: *wanted,
-                    what,
-                })
+                let (scan, what) = (*wanted, format!("scan {wanted}"));
+                (first || passed).then_some(Fired { scan, what })
             }
             Trigger::Trip => {
                 let tripped = |f: &Feedback| f.mode == Mode::Tripped as u32;
@@ -441,7 +426,7 @@ impl Watch {
                 let counts = axes.map(|(axis, turns)| {
                     format!("{} {}", self.machine.axis_name(axis), turns.count)
                 });
-                format!("with reversals: {}", counts.collect::<Vec<_>>().join(", "))
+                format!("with reversals: {}", joined(counts, ", "))
             }
             Trigger::Level { signal, .. } if self.lowest > self.highest => {
                 format!("in none of them {} was known", signal.name)

@@ -164,16 +164,14 @@ impl Mark {
                 let behind = speed * side < 0.0;
                 // From the reversal on the axis has travelled R·(1 − cos φ); only then the table follows.
                 let way_mm = setting.radius_mm * (1.0 - along(axis).abs());
-                let taken_up = if behind && way_mm < wide_mm {
-                    2.0 * way_mm / wide_mm - 1.0
-                } else {
-                    1.0
-                };
-                if on_side {
-                    late * taken_up * along(axis)
-                } else {
-                    0.0
+                if !on_side {
+                    return 0.0;
                 }
+                let taken_up = match behind && way_mm < wide_mm {
+                    true => 2.0 * way_mm / wide_mm - 1.0,
+                    false => 1.0,
+                };
+                late * taken_up * along(axis)
             }
             Mark::Bump { side_rad, peak_rad } => {
                 let behind_rad = direction * wrapped(angle_rad - side_rad);
