@@ -25,21 +25,20 @@ const SPEEDS: [f64; 10] = [
 /// What the keys ask of whoever sends orders.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Ask {
-    /// The key is held.
-    Hold {
-        axis: u32,
-        direction: f64,
-        speed_mm_s: f64,
-    },
-    /// One step.
-    Step {
-        axis: u32,
-        direction: f64,
-        step: Increment,
-        speed_mm_s: f64,
-    },
+    /// Jog as long as the key is held.
+    Hold(Way),
+    /// Jog by an increment.
+    Step(Way, Increment),
     /// Come to rest.
     End,
+}
+
+/// A way to go.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Way {
+    axis: u32,
+    direction: f64,
+    speed_mm_s: f64,
 }
 
 /// What a key came to.
@@ -157,19 +156,14 @@ impl JogMode {
     }
 
     fn jog(&self, direction: f64) {
-        let (axis, speed_mm_s) = (self.axis as u32, self.speed() / 60.0);
+        let way = Way {
+            axis: self.axis as u32,
+            direction,
+            speed_mm_s: self.speed() / 60.0,
+        };
         self.ask(match self.increment() {
-            None => Ask::Hold {
-                axis,
-                direction,
-                speed_mm_s,
-            },
-            Some(step) => Ask::Step {
-                axis,
-                direction,
-                step,
-                speed_mm_s,
-            },
+            None => Ask::Hold(way),
+            Some(step) => Ask::Step(way, step),
         });
     }
 
@@ -226,7 +220,7 @@ fn send(cell: &str, asked: &Receiver<Ask>, answer: &Sender<(Tone, String)>) {
 
 /// A key that repeats faster than orders are answered keeps nothing moving when it is let go: of repetitions in a row the last counts.
 fn newest_holds(asks: &[Ask]) -> Vec<Ask> {
-    let is_hold = |ask: &Ask| matches!(ask, Ask::Hold { .. });
+    let is_hold = |ask: &Ask| matches!(ask, Ask::Hold(_));
     let followed = asks.iter().skip(1).map(Some).chain([None]);
     let pairs = asks.iter().zip(followed);
     let kept = pairs.filter(|(ask, next)| !is_hold(ask) || !next.is_some_and(is_hold));
@@ -247,76 +241,59 @@ impl Hand<'_> {
     /// Does what a key asks for; what is to be said of it.
     fn obey(&mut self, ask: Ask) -> Result<Option<(Tone, String)>, Failure> {
         match ask {
-            Ask::Hold {
-                axis,
-                direction,
-                speed_mm_s,
-            } => self.hold(axis, direction, speed_mm_s).map(|()| None),
-            Ask::Step {
-                axis,
-                direction,
-                step,
-                speed_mm_s,
-            } => self.step(axis, direction, step, speed_mm_s).map(Some),
+            Ask::Hold(way) => self.hold(way).map(|()| None),
+            Ask::Step(way, step) => self.step(way, step).map(Some),
             Ask::End => self.end().map(|()| None),
         }
     }
 
-    fn hold(&mut self, axis: u32, direction: f64, speed_mm_s: f64) -> Result<(), Failure> {
+    fn hold(&mut self, way: Way) -> Result<(), Failure> {
         let now = self.eyes.look()?;
         let client = self.client;
         if let Some((sender, of_axis, to)) = &mut self.held
-            && (*of_axis, *to) == (axis, direction)
-            && sender.renew(now.scan, client.scans(NEXT), speed_mm_s)?
+            && (*of_axis, *to) == (way.axis, way.direction)
+            && sender.renew(now.scan, client.scans(NEXT), way.speed_mm_s)?
         {
             return Ok(());
         }
         self.end()?;
         let asked = JogAsked {
-            axis,
-            direction,
-            speed_mm_s,
+            axis: way.axis,
+            direction: way.direction,
+            speed_mm_s: way.speed_mm_s,
             deadline_scans: client.scans(FIRST),
         };
         // Coming to rest from the jog before, it is not there yet: the next repetition asks again.
         let sender = JogSender::begin_soon(client, &asked, &now)?;
-        self.held = sender.map(|sender| (sender, axis, direction));
+        self.held = sender.map(|sender| (sender, way.axis, way.direction));
         Ok(())
     }
 
-    fn step(
-        &mut self,
-        axis: u32,
-        direction: f64,
-        step: Increment,
-        speed_mm_s: f64,
-    ) -> Result<(Tone, String), Failure> {
+    fn step(&mut self, way: Way, step: Increment) -> Result<(Tone, String), Failure> {
+        let (axis, direction) = (way.axis, way.direction);
         let seen = self.eyes.look()?.scan;
         let clicks = match &mut self.clicks {
             Some(clicks) => clicks,
             none => none.insert(Clicks::of(self.client)?),
         };
-        let click = clicks.click(axis, direction * step.way, speed_mm_s, seen)?;
+        let click = clicks.click(axis, direction * step.way, way.speed_mm_s, seen)?;
         let words = click.words(self.client, axis, direction * step.shown, step.unit);
-        Ok(match click {
-            Click::Taken => {
-                self.not_taken = 0;
-                (Tone::Good, words)
-            }
-            Click::Cut(_) => {
-                self.not_taken = 0;
-                (Tone::Waits, words)
-            }
-            Click::NotTaken => {
-                self.not_taken += 1;
-                let clicks = if self.not_taken == 1 {
-                    "click"
-                } else {
-                    "clicks"
-                };
-                (Tone::Waits, format!("{} {clicks} {words}", self.not_taken))
-            }
-        })
+        if click != Click::NotTaken {
+            self.not_taken = 0;
+            let tone = if click == Click::Taken {
+                Tone::Good
+            } else {
+                Tone::Waits
+            };
+            return Ok((tone, words));
+        }
+        self.not_taken += 1;
+        let clicks = if self.not_taken == 1 {
+            "click"
+        } else {
+            "clicks"
+        };
+        Ok((Tone::Waits, format!("{} {clicks} {words}", self.not_taken)))
     }
 
     /// All that the keys move comes to rest.
@@ -330,7 +307,7 @@ impl Hand<'_> {
 
 #[cfg(test)]
 mod tests {
-    use super::{Ask, Increment, JogMode, KeyCode, newest_holds};
+    use super::{Ask, Increment, JogMode, KeyCode, Way, newest_holds};
 
     #[test]
     fn steps_are_the_increments_of_the_machine_file_in_the_unit_of_the_axis() {
@@ -362,21 +339,18 @@ mod tests {
 
     #[test]
     fn of_repetitions_in_a_row_the_last_counts_and_nothing_else_is_lost() {
-        let hold = |speed_mm_s| Ask::Hold {
+        let way = |speed_mm_s| Way {
             axis: 0,
             direction: 1.0,
             speed_mm_s,
         };
-        let step = Ask::Step {
-            axis: 0,
-            direction: 1.0,
-            step: Increment {
-                way: 0.1,
-                shown: 0.1,
-                unit: "mm",
-            },
-            speed_mm_s: 1.0,
+        let hold = |speed_mm_s| Ask::Hold(way(speed_mm_s));
+        let increment = Increment {
+            way: 0.1,
+            shown: 0.1,
+            unit: "mm",
         };
+        let step = Ask::Step(way(1.0), increment);
         let asks = [
             hold(1.0),
             hold(2.0),

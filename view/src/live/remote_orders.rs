@@ -5,7 +5,7 @@ use std::path::Path;
 use anyhow::anyhow;
 use bus::sample::Order;
 use console::exit::{Failure, Kind, Outcome};
-use console::output::{self, say};
+use console::output::{self, joined, say};
 use operator;
 use remote::orders::{Identity, OrderServer, OrdersError, TlsPlace, give as send};
 
@@ -28,8 +28,8 @@ fn order_of(word: &str) -> Option<Order> {
 }
 
 fn unknown(word: &str) -> String {
-    let words: Vec<&str> = ORDERS.iter().map(|order| order.word()).collect();
-    format!("{word:?}: must be one of {}", words.join(", "))
+    let words = joined(ORDERS.iter().map(|order| order.word()), ", ");
+    format!("{word:?}: must be one of {words}")
 }
 
 /// Gives an order to the cell of this PC: what came of it, in words.

@@ -17,7 +17,7 @@ use super::source::Source;
 use super::{picture, remote_orders};
 use crate::options::ServeOptions;
 use console::exit::{Failure, Kind, Outcome};
-use console::output::say;
+use console::output::{joined, say};
 use console::signals::Signals;
 
 /// Time between two pictures of the circle.
@@ -49,16 +49,10 @@ pub fn serve(options: &ServeOptions) -> Outcome {
     let machine = machine_of(&feed)?;
     let server = Server::open(machine.clone(), &listen, &connect).environment()?;
     let orders = remote_orders::serve(options, &machine.cell)?;
-    let places: Vec<String> = listen
-        .iter()
-        .chain(&connect)
-        .map(Endpoint::to_string)
-        .collect();
+    let places = joined(listen.iter().chain(&connect), ", ");
     say(&format!(
         "cell {} can be seen at {}, read only, {} times a second; Ctrl-C ends it",
-        machine.cell,
-        places.join(", "),
-        options.rate
+        machine.cell, places, options.rate
     ));
     if !listen.iter().all(Endpoint::is_loopback) {
         say(

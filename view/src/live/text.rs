@@ -6,6 +6,7 @@ use bus::sample::{ProgramState as Progress, Redundancy};
 use machine::Machine;
 use monitor::quantities;
 use remote::state::{AxisState, CellState, Death, LinkState, ProcessState, ProgramState, Readout};
+use report::auxiliary::{on_or_off, panel};
 
 use super::axis::ABSOLUTE;
 
@@ -86,7 +87,7 @@ pub fn age_words(link: &LinkState) -> String {
 /// What is switched that is not as usual, in words.
 pub fn switched_words(state: &CellState) -> Option<String> {
     let [rapid, jog] = [state.rapid_override_percent, state.jog_override_percent];
-    report::auxiliary::panel(state.single_block?, rapid?, jog?)
+    panel(state.single_block?, rapid?, jog?)
 }
 
 /// Skew of each gantry in words, where it is known.
@@ -115,16 +116,11 @@ pub fn error_unit(axis: &AxisState) -> &'static str {
 pub fn feeds(readout: &Readout) -> (Option<f64>, Option<f64>, &'static str) {
     match readout.feed_deg_min {
         Some(feed) => (Some(feed), readout.programmed_feed_deg_min, "deg/min"),
-        None => (
-            readout.feed_mm_min,
-            readout.programmed_feed_mm_min,
-            "mm/min",
-        ),
+        None => {
+            let programmed = readout.programmed_feed_mm_min;
+            (readout.feed_mm_min, programmed, "mm/min")
+        }
     }
-}
-
-fn on_or_off(on: bool) -> &'static str {
-    if on { "on" } else { "off" }
 }
 
 /// The readout: work and machine coordinates, the way to go, feed, codes, time left.
@@ -202,19 +198,14 @@ fn axes(text: &mut String, state: &CellState) {
 
 /// How far the program is, in words.
 pub fn progress(program: &ProgramState) -> Option<String> {
-    let is = |state: Progress| program.state.as_deref() == Some(state.word());
+    let is = |state: &Progress| program.state.as_deref() == Some(state.word());
     let name = program.name.as_deref().unwrap_or("program");
-    for (state, words) in [
-        (Progress::Loading, "being read"),
-        (Progress::Loaded, "loaded"),
-        (Progress::Done, "done"),
-    ] {
-        if is(state) {
-            return Some(format!("{name}, {words}"));
-        }
-    }
-    if is(Progress::None) {
-        return Some("no program is loaded".into());
+    match Progress::ALL.into_iter().find(is) {
+        Some(Progress::Loading) => return Some(format!("{name}, being read")),
+        Some(Progress::Loaded) => return Some(format!("{name}, loaded")),
+        Some(Progress::Done) => return Some(format!("{name}, done")),
+        Some(Progress::None) => return Some("no program is loaded".into()),
+        _ => {}
     }
     let percent = program.percent;
     let share = percent.map_or(String::new(), |percent| format!(" {percent:.1} %"));

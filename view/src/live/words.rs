@@ -4,6 +4,7 @@ use bus::sample::{
     Auxiliaries, AxisFeedback, Cause, Driver, Feedback, Mode, ProgramState, Reference, Waiting,
 };
 use console::exit::Failure;
+use console::output::joined;
 use machine::Machine;
 use monitor::words::StopCause;
 use remote::state::StateWords;
@@ -137,8 +138,8 @@ fn axes_that_are(state: Reference, feedback: &Feedback, machine: &Machine) -> Op
     let axes = feedback.axes().iter().zip(&machine.axes);
     let axes =
         axes.filter(|(axis, settings)| axis.reference == state as u32 && settings.homing.is_some());
-    let names: Vec<&str> = axes.map(|(_, settings)| settings.name.as_str()).collect();
-    (!names.is_empty()).then(|| names.join(" "))
+    let names = joined(axes.map(|(_, settings)| &settings.name), " ");
+    (!names.is_empty()).then_some(names)
 }
 
 /// A machine with its drives on that waits to be homed.

@@ -251,6 +251,36 @@ type Outcome = Result<(), Error>;
 /// One of the numbers of an axis.
 type Of = fn(&AxisValues) -> &Number;
 
+/// Where an axis is, before the distribution of its following error.
+#[rustfmt::skip] // a table
+const PLACES: [(&str, &str, Of); 4] = [
+ ("axis_position", "Where the axis is.", |of| &of.position_m),
+ ("axis_command", "Where the axis is commanded to be.", |of| &of.command_m),
+ ("axis_following_error", "Command less feedback in the newest scan.", |of| &of.following_error_m),
+ ("axis_following_error_peak", "Largest magnitude of the following error since this process started.", |of| &of.following_error_peak_m),
+];
+
+/// What the last reversal of an axis left.
+#[rustfmt::skip] // a table
+const REVERSALS: [(&str, &str, Of); 2] = [
+ ("axis_reversal_protrusion", "Height that the last reversal on an arc left on the table.", |of| &of.protrusion_m),
+ ("axis_reversal_following_error", "Largest magnitude of the following error around the last reversal.", |of| &of.reversal_error_m),
+];
+
+/// Torque of an axis.
+#[rustfmt::skip] // a table
+const TORQUES: [(&str, &str, Of); 2] = [
+ ("axis_torque", "Torque of the motor.", |of| &of.torque_nm),
+ ("axis_torque_peak", "Largest magnitude of the torque since this process started.", |of| &of.torque_peak_nm),
+];
+
+/// Friction of an axis.
+#[rustfmt::skip] // a table
+const FRICTION: [(&str, &str, Of); 2] = [
+ ("axis_friction_level", "Friction that the servo goes by, as a part of that of its model.", |of| &of.friction_level),
+ ("axis_friction_unexplained", "Part of Coulomb friction that the last way between two reversals left unexplained.", |of| &of.friction_unexplained),
+];
+
 impl Collector for Snapshot {
     fn encode(&self, encoder: DescriptorEncoder<'_>) -> Result<(), Error> {
         let mut families = Families(encoder);
@@ -366,12 +396,8 @@ impl Snapshot {
         let lost = Some(self.samples_lost);
         families.counter("recorder_lost_samples", "", help, lost)?;
         let help = "1 while less is recorded than was asked for, because the disk is almost full.";
-        families.gauge(
-            "recorder_room_scarce",
-            "",
-            help,
-            Some(f64::from(self.room_is_scarce)),
-        )?;
+        let scarce = Some(f64::from(self.room_is_scarce));
+        families.gauge("recorder_room_scarce", "", help, scarce)?;
         let help = "Bytes of the log that are in its files.";
         families.counter("log", "bytes", help, Some(self.log_bytes))
     }
@@ -408,12 +434,9 @@ impl Snapshot {
     /// Torque of the axes, and what comes of it.
     fn torques(&self, families: &mut Families<'_>) -> Outcome {
         let axes: &[&AxisNumbers] = &self.numbers.axes.iter().collect::<Vec<_>>();
-        let nm = "newton_meters";
-        let help = "Torque of the motor.";
-        families.of_axes("axis_torque", nm, help, axes, |axis| &axis.torque_nm)?;
-        let help = "Largest magnitude of the torque since this process started.";
-        let peak: Of = |axis| &axis.torque_peak_nm;
-        families.of_axes("axis_torque_peak", nm, help, axes, peak)?;
+        for (name, help, of) in TORQUES {
+            families.of_axes(name, "newton_meters", help, axes, of)?;
+        }
         for (index, one) in OF_AXIS.iter().enumerate() {
             let (name, unit) = one.metric;
             let name = format!("axis_{name}");
@@ -423,13 +446,10 @@ impl Snapshot {
             });
             families.family((&name, unit), MetricType::Gauge, one.help, known)?;
         }
-        let help = "Friction that the servo goes by, as a part of that of its model.";
-        let level: Of = |axis| &axis.friction_level;
-        families.of_axes("axis_friction_level", "ratio", help, axes, level)?;
-        let help =
-            "Part of Coulomb friction that the last way between two reversals left unexplained.";
-        let part: Of = |axis| &axis.friction_unexplained;
-        families.of_axes("axis_friction_unexplained", "ratio", help, axes, part)
+        for (name, help, of) in FRICTION {
+            families.of_axes(name, "ratio", help, axes, of)?;
+        }
+        Ok(())
     }
 
     fn processes(&self, families: &mut Families<'_>) -> Outcome {
@@ -462,15 +482,9 @@ fn labels(process: &ProcessNumbers) -> Labels<'_> {
 
 /// Families with a length or angle in them: one metric has one unit, so slides and rotary axes have their own.
 fn places(families: &mut Families<'_>, unit: &str, axes: &[&AxisNumbers]) -> Outcome {
-    let mut place = |name: &str, help: &str, of: Of| families.of_axes(name, unit, help, axes, of);
-    place("axis_position", "Where the axis is.", |of| &of.position_m)?;
-    let help = "Where the axis is commanded to be.";
-    place("axis_command", help, |of| &of.command_m)?;
-    let help = "Command less feedback in the newest scan.";
-    place("axis_following_error", help, |of| &of.following_error_m)?;
-    let help = "Largest magnitude of the following error since this process started.";
-    let peak: Of = |of| &of.following_error_peak_m;
-    place("axis_following_error_peak", help, peak)?;
+    for (name, help, of) in PLACES {
+        families.of_axes(name, unit, help, axes, of)?;
+    }
     let spread = axes.iter().map(|axis| {
         let labels = vec![("axis", axis.name.as_str())];
         (labels, Sample::Spread(&axis.following_error))
@@ -478,10 +492,8 @@ fn places(families: &mut Families<'_>, unit: &str, axes: &[&AxisNumbers]) -> Out
     let help = "Magnitude of the following error, every scan.";
     let of = ("axis_following_error_magnitude", unit);
     families.family(of, MetricType::Histogram, help, spread)?;
-    let mut place = |name: &str, help: &str, of: Of| families.of_axes(name, unit, help, axes, of);
-    let help = "Height that the last reversal on an arc left on the table.";
-    place("axis_reversal_protrusion", help, |of| &of.protrusion_m)?;
-    let help = "Largest magnitude of the following error around the last reversal.";
-    let error: Of = |of| &of.reversal_error_m;
-    place("axis_reversal_following_error", help, error)
+    for (name, help, of) in REVERSALS {
+        families.of_axes(name, unit, help, axes, of)?;
+    }
+    Ok(())
 }
