@@ -7,6 +7,7 @@ use crate::identify::{BREAK_UM, ForceError, Found, Lever};
 use crate::laws;
 use crate::recording::Recording;
 use crate::write;
+use console::output::joined;
 
 /// What the file holds.
 pub fn heading(path: &Path, recording: &Recording) -> String {
@@ -46,13 +47,11 @@ pub fn found(found: &Found, lever: &Lever) -> String {
         structure.constant_n
     );
     let pairs = laws::shares(&found.motor).into_iter().zip(BREAK_UM);
-    let curve: Vec<String> = pairs
-        .filter(|(share, _)| *share > 0.0)
-        .map(|(share, um)| format!("{:.0} % over {um} µm", 100.0 * share))
-        .collect();
+    let pairs = pairs.filter(|(share, _)| *share > 0.0);
+    let curve = pairs.map(|(share, um)| format!("{:.0} % over {um} µm", 100.0 * share));
     text += &format!(
         "\n  turns round       {}\n  break-away        {:9.3} times Coulomb friction, gone above {:.2} mm/s",
-        curve.join(", "),
+        joined(curve, ", "),
         found.motor.static_ratio,
         found.motor.stribeck_mm_s
     );

@@ -13,6 +13,8 @@ const BETTER: f64 = 0.98;
 const PASSES_NO_BETTER_MAX: u32 = 3;
 /// Where a pass was worse, the next one takes over half as much; below this there is nothing more to learn.
 const GAIN_MIN: f64 = 0.1;
+/// What is said once there is nothing more to learn.
+const SETTLED: &str = "nothing more to learn: the best correction is kept";
 
 /// How far a program has come.
 #[derive(Debug, Clone, PartialEq)]
@@ -76,27 +78,16 @@ pub(super) fn judged(standing: Option<&Standing>, ran_best: bool, now: LearnedPa
     };
     let best = &standing.best;
     match (ran_best, is_worse(&now, best)) {
-        (true, true) => verdict(
-            first,
-            false,
-            Next::Learn,
-            "worse than with the same correction before: learns again",
-        ),
-        (true, false) if standing.settled => verdict(
-            standing.clone(),
-            false,
-            Next::Best,
-            "nothing more to learn: the best correction is kept",
-        ),
-        (true, false) => verdict(
-            Standing {
-                best: least(now, best),
-                ..standing.clone()
-            },
-            false,
-            Next::Learn,
-            "with the best correction",
-        ),
+        (true, true) => {
+            let words = "worse than with the same correction before: learns again";
+            verdict(first, false, Next::Learn, words)
+        }
+        (true, false) if standing.settled => verdict(standing.clone(), false, Next::Best, SETTLED),
+        (true, false) => {
+            let mut standing = standing.clone();
+            standing.best = least(now, best);
+            verdict(standing, false, Next::Learn, "with the best correction")
+        }
         (false, true) if is_beyond(now.mean_um, best.mean_um) => back(standing),
         (false, _) => on_trial(standing, now),
     }
@@ -119,12 +110,8 @@ fn back(standing: &Standing) -> Verdict {
         settled: gain < GAIN_MIN,
         ..standing.clone()
     };
-    verdict(
-        standing,
-        false,
-        Next::Best,
-        "worse than the best one: the next one goes back to that",
-    )
+    let words = "worse than the best one: the next one goes back to that";
+    verdict(standing, false, Next::Best, words)
 }
 
 /// A correction on trial was not worse in the mean. One that is better there and worse at its worst reversal is not taken; but on the
@@ -150,21 +137,17 @@ fn on_trial(standing: &Standing, now: LearnedPathPass) -> Verdict {
         passes_no_better,
         settled,
     };
-    let (next, words) = match (settled, better) {
-        (true, _) => (
-            Next::Best,
-            "nothing more to learn: the best correction is kept",
-        ),
-        (false, true) => (Next::Learn, "the best one so far"),
-        (false, false) if again => (
-            Next::Best,
-            "no better again: the next one goes back to the best one",
-        ),
-        (false, false) if in_mean => (
-            Next::Learn,
-            "better in the mean, worse at its worst: not taken, goes on",
-        ),
-        (false, false) => (Next::Learn, "no better: goes on with half the gain"),
+    let words = match (settled, better) {
+        (true, _) => SETTLED,
+        (false, true) => "the best one so far",
+        (false, false) if again => "no better again: the next one goes back to the best one",
+        (false, false) if in_mean => "better in the mean, worse at its worst: not taken, goes on",
+        (false, false) => "no better: goes on with half the gain",
+    };
+    let next = if settled || again {
+        Next::Best
+    } else {
+        Next::Learn
     };
     verdict(standing, better, next, words)
 }

@@ -160,8 +160,8 @@ struct Given<'t>(Vec<(&'t str, &'t str)>);
 
 impl Given<'_> {
     fn text(&self, key: &str) -> Option<&str> {
-        self.0
-            .iter()
+        let mut given = self.0.iter();
+        given
             .find(|(name, _)| *name == key)
             .map(|(_, value)| *value)
     }
@@ -194,10 +194,9 @@ impl Given<'_> {
             let (size, teeth) = (size.parse::<f64>().ok()?, teeth.parse::<u32>().ok()?);
             (size > 0.0 && size.is_finite() && teeth >= 5).then_some((size, teeth))
         });
-        match pair {
-            Some(pair) => Ok(Some(pair)),
-            None => bail!("{key}={text}: must be SIZExTEETH with 5 teeth or more, such as 2x20"),
-        }
+        let right = "must be SIZExTEETH with 5 teeth or more, such as 2x20";
+        pair.with_context(|| format!("{key}={text}: {right}"))
+            .map(Some)
     }
 }
 
@@ -219,42 +218,30 @@ impl NewAxis {
     fn of(letter: &str, given: &Given<'_>) -> anyhow::Result<NewAxis> {
         let rotary = is_rotary(letter);
         let (endless, travel) = travel_or_turn(given, rotary)?;
-        let (speed, acceleration) = (
-            given.above_zero("speed")?,
-            given.above_zero("acceleration")?,
-        );
+        let speed = given.above_zero("speed")?;
+        let acceleration = given.above_zero("acceleration")?;
         let (drive, ratio) = drive(given, rotary, |lead| {
             let rotor_part = acceleration.map_or(0.0, |of| rotor_part(of, lead));
             speed.unwrap_or(0.0) <= MOTOR_TURNS_S * lead && rotor_part <= ROTOR_PART_MAX
         })?;
         let lead = turn(drive) / ratio;
-        let (other, key) = if rotary {
-            ("mass", "inertia")
-        } else {
-            ("inertia", "mass")
+        let (other, key, moved) = match rotary {
+            true => ("mass", "inertia", 0.5),
+            false => ("inertia", "mass", 100.0),
         };
         if given.text(other).is_some() {
             bail!("{other}: axis {letter} has `{key}`");
         }
-        let moved = given
-            .above_zero(key)?
-            .unwrap_or(if rotary { 0.5 } else { 100.0 });
-        let speed = speed.unwrap_or(rounded((MOTOR_TURNS_S * lead).min(if rotary {
-            120.0
-        } else {
-            250.0
-        })));
-        let acceleration = acceleration.unwrap_or(if rotary { 500.0 } else { 2000.0 });
-        let friction = given.above_zero("friction")?;
-        // Seals and bearings, and 1 % of the weight on the guideways.
-        let friction = friction.unwrap_or(if rotary {
-            5.0
-        } else {
-            rounded(100.0 + 0.1 * moved)
-        });
-        let gap = given
-            .number("gap", 0.0, true)?
-            .unwrap_or(if rotary { 1.0 } else { 3.0 });
+        let moved = given.above_zero(key)?.unwrap_or(moved);
+        // Friction: seals and bearings, and 1 % of the weight on the guideways.
+        let (fastest, usual, friction, gap) = match rotary {
+            true => (120.0, 500.0, 5.0, 1.0),
+            false => (250.0, 2000.0, rounded(100.0 + 0.1 * moved), 3.0),
+        };
+        let speed = speed.unwrap_or(rounded((MOTOR_TURNS_S * lead).min(fastest)));
+        let acceleration = acceleration.unwrap_or(usual);
+        let friction = given.above_zero("friction")?.unwrap_or(friction);
+        let gap = given.number("gap", 0.0, true)?.unwrap_or(gap);
         let two_motors = two_motors(given, rotary)?;
         let incremental = incremental(given)?;
         let half = if two_motors { 0.5 } else { 1.0 };
@@ -295,11 +282,9 @@ impl NewAxis {
                 "encoder=incremental: an axis that turns without end has no end for a switch to find: leave it out, for an absolute encoder, or give it a travel, as in travel=-180..180"
             );
         }
-        if !(low..=high).contains(&self.start) {
-            bail!(
-                "start={}: must be within the travel, {low} to {high}",
-                self.start
-            );
+        let start = self.start;
+        if !(low..=high).contains(&start) {
+            bail!("start={start}: must be within the travel, {low} to {high}");
         }
         Ok(())
     }
@@ -335,10 +320,10 @@ impl NewAxis {
         let rotor_m_s2 = TORQUE_RESERVE * self.acceleration_m_s2() / radius_m;
         let with_rotor_nm = |rotor: f64| TORQUE_RESERVE * moves_nm + rotor * rotor_m_s2;
         let lightest = lightest_rotor_kg(self.mass_kg()) * radius_m * radius_m;
+        let estimated_nm = TORQUE_RESERVE * moves_nm / (1.0 - per_nm * rotor_m_s2);
         let needed_nm = match rotor {
             Some(rotor) => with_rotor_nm(rotor),
-            None => (TORQUE_RESERVE * moves_nm / (1.0 - per_nm * rotor_m_s2))
-                .max(with_rotor_nm(lightest)),
+            None => estimated_nm.max(with_rotor_nm(lightest)),
         };
         self.torque_nm = torque_nm.unwrap_or(rounded_up(needed_nm).max(0.1));
         let estimated = rounded(per_nm * self.torque_nm).max(rounded_up(lightest));
@@ -491,10 +476,8 @@ impl NewAxis {
         } else {
             "motor"
         };
-        format!(
-            "{} {low} to {high}{unit}, {motors} {} N·m",
-            self.letter, self.torque_nm
-        )
+        let (letter, torque_nm) = (&self.letter, self.torque_nm);
+        format!("{letter} {low} to {high}{unit}, {motors} {torque_nm} N·m")
     }
 }
 
@@ -543,11 +526,8 @@ fn drive(
     suits: impl Fn(f64) -> bool,
 ) -> anyhow::Result<(Drive, f64)> {
     let ratio = given.above_zero("ratio")?;
-    let (lead, rack, belt) = (
-        given.above_zero("lead")?,
-        given.teeth("rack")?,
-        given.teeth("belt")?,
-    );
+    let lead = given.above_zero("lead")?;
+    let (rack, belt) = (given.teeth("rack")?, given.teeth("belt")?);
     let gear = given.above_zero("gear")?;
     if rotary {
         if lead.is_some() || rack.is_some() || belt.is_some() || ratio.is_some() {

@@ -196,34 +196,35 @@ fn why(axis: &NewAxis, key: &str, otherwise: &str) -> String {
 }
 
 /// The transmission of an axis, with what follows from it.
-fn transmission(axis: &NewAxis, table: &str) -> String {
+fn transmission(axis: &NewAxis, table: &str) -> (String, String) {
     let ratio = axis.ratio;
     let lead = digits(axis.lead(), 5);
-    match axis.drive {
+    let (unit, keys) = match axis.drive {
         Drive::Screw(lead) if ratio == 1.0 => {
-            let why = why(axis, "lead", "");
-            format!(
-                "lead_mm = {lead:?}          # travel in one turn of the motor{}\n",
-                why.replace("  #", ",")
-            )
+            let why = why(axis, "lead", "").replace("  #", ",");
+            let key =
+                format!("lead_mm = {lead:?}          # travel in one turn of the motor{why}\n");
+            return (key, String::new());
         }
-        Drive::Screw(lead_mm) => {
-            format!(
-                "[{table}]     # {lead} mm in one turn of the motor\nscrew_lead_mm = {lead_mm:?}\ngear_ratio = {ratio:?}\n"
-            )
-        }
-        Drive::Rack(module_mm, teeth) => format!(
-            "[{table}]     # {lead} mm in one turn of the motor\nrack_module_mm = {module_mm:?}\npinion_teeth = {teeth}\ngear_ratio = {ratio:?}\n"
+        Drive::Screw(lead_mm) => (" mm", format!("screw_lead_mm = {lead_mm:?}\n")),
+        Drive::Rack(module_mm, teeth) => (
+            " mm",
+            format!("rack_module_mm = {module_mm:?}\npinion_teeth = {teeth}\n"),
         ),
-        Drive::Belt(pitch_mm, teeth) => format!(
-            "[{table}]     # {lead} mm in one turn of the motor\nbelt_pitch_mm = {pitch_mm:?}\npulley_teeth = {teeth}\ngear_ratio = {ratio:?}\n"
+        Drive::Belt(pitch_mm, teeth) => (
+            " mm",
+            format!("belt_pitch_mm = {pitch_mm:?}\npulley_teeth = {teeth}\n"),
         ),
-        Drive::Table => format!(
-            "[{table}]     # {lead}° in one turn of the motor\ngear_ratio = {:?}{}\n",
-            360.0 / axis.lead(),
-            why(axis, "gear", "")
-        ),
-    }
+        Drive::Table => ("°", String::new()),
+    };
+    let ratio = match axis.drive {
+        Drive::Table => format!("{:?}{}", 360.0 / axis.lead(), why(axis, "gear", "")),
+        _ => format!("{ratio:?}"),
+    };
+    let table = format!(
+        "\n[{table}]     # {lead}{unit} in one turn of the motor\n{keys}gear_ratio = {ratio}\n"
+    );
+    (String::new(), table)
 }
 
 /// Names and units of an axis's keys.
@@ -267,12 +268,7 @@ fn increment(axis: &NewAxis, scan_s: f64) -> Option<f64> {
 
 fn machine_axis(axis: &NewAxis, name: &str, timing: &Timing, drive_period_us: u32) -> String {
     let words = Words::of(axis);
-    let transmission = transmission(axis, "axis.transmission");
-    let (lead, table) = if transmission.starts_with('[') {
-        (String::new(), format!("\n{transmission}"))
-    } else {
-        (transmission, String::new())
-    };
+    let (lead, table) = transmission(axis, "axis.transmission");
     let gain = digits(
         timing.velocity_gain_n_s_per_m(axis.all_mass_kg()) / axis.per_slide(),
         4,
@@ -346,11 +342,10 @@ impl HomeEnd {
     fn of(axis: &NewAxis, lifts: bool) -> HomeEnd {
         let (low, high) = axis.travel;
         let from_end = |way: f64| digits(if lifts { high - way } else { low + way }, 9);
-        let (room, reference) = if axis.has_index() {
-            (axis.lead(), 0.5 * axis.lead())
-        } else {
-            let room = SWITCH_SHARE * (high - low);
-            (room, room)
+        let room = SWITCH_SHARE * (high - low);
+        let (room, reference) = match axis.has_index() {
+            true => (axis.lead(), 0.5 * axis.lead()),
+            false => (room, room),
         };
         HomeEnd {
             switch_at: from_end(room),
@@ -362,12 +357,8 @@ impl HomeEnd {
     /// Speed of a search that rests before the end, which is at least a fifth of a second away.
     fn search_speed(&self, axis: &NewAxis) -> f64 {
         let rests = (JOG_ACCELERATION_SHARE * axis.acceleration * self.room).sqrt();
-        rounded(
-            (0.1 * axis.speed)
-                .min(SEARCH_MAX)
-                .min(5.0 * self.room)
-                .min(rests),
-        )
+        let most = SEARCH_MAX.min(5.0 * self.room).min(rests);
+        rounded((0.1 * axis.speed).min(most))
     }
 }
 
@@ -378,13 +369,12 @@ fn homing(axis: &NewAxis, input: usize, lifts: bool) -> String {
     let words = Words::of(axis);
     let end = HomeEnd::of(axis, lifts);
     let search = end.search_speed(axis);
-    let (method, reference) = if axis.has_index() {
-        ("switch-index", "of the index behind the edge of the switch")
-    } else {
-        (
+    let (method, reference) = match axis.has_index() {
+        true => ("switch-index", "of the index behind the edge of the switch"),
+        false => (
             "switch",
             "of the edge of the switch: the travel has few turns of the motor",
-        )
+        ),
     };
     let (direction, order, why) = if lifts {
         ("positive", 1, "  # off the work, and before the others")
@@ -408,11 +398,8 @@ fn plant_homing(axis: &NewAxis, input: usize, lifts: bool) -> String {
         return String::new();
     }
     let length = Words::of(axis).length;
-    let HomeEnd {
-        switch_at,
-        reference_at: index_at,
-        ..
-    } = HomeEnd::of(axis, lifts);
+    let end = HomeEnd::of(axis, lifts);
+    let (switch_at, index_at) = (end.switch_at, end.reference_at);
     let shows = digits(axis.travel.1 - axis.travel.0, 4);
     let actuated = if lifts { "actuated = \"above\"\n" } else { "" };
     format!(
@@ -422,12 +409,7 @@ fn plant_homing(axis: &NewAxis, input: usize, lifts: bool) -> String {
 }
 
 fn plant_axis(axis: &NewAxis, name: &str) -> String {
-    let transmission = transmission(axis, "axis.simple.transmission");
-    let (lead, table) = if transmission.starts_with('[') {
-        (String::new(), format!("\n{transmission}"))
-    } else {
-        (transmission, String::new())
-    };
+    let (lead, table) = transmission(axis, "axis.simple.transmission");
     let rotary = axis.is_rotary();
     let kind = Words::of(axis).kind;
     let (length, mass, force, gap) = if rotary {
