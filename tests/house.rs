@@ -330,16 +330,22 @@ fn nothing_that_drives_a_machine_can_send_wrong_samples() {
     }
 }
 
+/// In the lab one file names it: the floor of `bench ipc`, which is what iceoryx2 takes without `bus`.
 #[test]
 fn only_bus_names_iceoryx2() {
     for krate in crates().filter(|k| *k != "bus") {
         assert!(
-            !dependencies(krate)
-                .iter()
-                .any(|d| d.starts_with("iceoryx2")),
+            krate == "lab"
+                || !dependencies(krate)
+                    .iter()
+                    .any(|d| d.starts_with("iceoryx2")),
             "{krate}"
         );
+        let floor = folder("lab").join("src/bench/ipc/bare.rs");
         for (path, text) in sources(&folder(krate).join("src")) {
+            if path == floor {
+                continue;
+            }
             assert!(
                 !text.contains("iceoryx2::"),
                 "{} names iceoryx2",

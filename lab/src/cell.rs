@@ -29,6 +29,8 @@ mod script;
 
 use members::Life;
 use peers::Peers;
+pub(crate) use ports::ServoQueues;
+pub(crate) use queues::Queue;
 pub use queues::Window;
 pub use script::{CellError, Script};
 

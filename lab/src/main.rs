@@ -8,7 +8,7 @@ use clap::{Args, Parser, Subcommand};
 use console::exit::{self, Kind, Outcome};
 use console::logs;
 use lab::linuxcnc::LinuxcncCommand;
-use lab::options::{BenchOptions, BenchPongOptions, SoakOptions};
+use lab::options::{BenchOptions, BenchPongOptions, BenchScanPartOptions, SoakOptions};
 use lab::reading::ReadingCommand;
 use lab::suite::SuiteOptions;
 use launcher::run::Injection;
@@ -46,6 +46,9 @@ enum Command {
     /// The other side of a measurement
     #[command(hide = true)]
     BenchPong(BenchPongOptions),
+    /// A part of a scan, again and again, under a counter of instructions
+    #[command(hide = true)]
+    BenchScanPart(BenchScanPartOptions),
     /// The planner over faulty ports (started by `run`)
     #[command(hide = true)]
     FaultyPlanner(FaultyOptions<PlannerOptions>),
@@ -77,6 +80,7 @@ fn obey(command: Command) -> Outcome {
         Command::Reading { command } => lab::reading::reading(&command),
         Command::Suite(options) => lab::suite::suite(&options),
         Command::BenchPong(options) => lab::bench::pong(&options),
+        Command::BenchScanPart(options) => lab::bench::part(&options),
         Command::FaultyPlanner(options) => {
             logs::init_role();
             lab::faulty::planner(&options.role.options(), options.faults.as_deref()).environment()

@@ -5,22 +5,14 @@ use std::path::PathBuf;
 use clap::{Args, Subcommand};
 use launcher::options::number;
 
-/// What `quadrant-lab bench-pong` takes.
-#[derive(Debug, Clone, Args)]
-pub struct BenchPongOptions {
-    /// Name of the cell
-    #[arg(long)]
-    pub cell: String,
-    /// Machine file
-    #[arg(long)]
-    pub machine: PathBuf,
-    /// Processor to stay on
-    #[arg(long)]
-    pub core: usize,
-    /// Hand over samples, not bare rings
-    #[arg(long)]
-    pub samples: bool,
-}
+use crate::bench::PartOf;
+
+mod speed;
+
+pub use speed::{
+    Ball, BenchPongOptions, BenchScanPartOptions, IpcOptions, Part, ScanOptions, SimulationOptions,
+    WakeupOptions, axis_counts,
+};
 
 /// What `quadrant-lab soak` takes.
 #[derive(Debug, Clone, Args)]
@@ -72,6 +64,8 @@ pub struct BenchOptions {
 /// What can be measured; lockstep if nothing is named.
 #[derive(Debug, Clone, Subcommand)]
 pub enum BenchCommand {
+    /// Every bench, short; one table in Markdown and one file of JSON
+    All(AllOptions),
     /// Speed of a whole cell in lockstep, beside physics alone and the bare hand-over
     Lockstep(LockstepOptions),
     /// Quadrant protrusions over radii and feeds, by way of compensation
@@ -80,6 +74,8 @@ pub enum BenchCommand {
     Faults(FaultsOptions),
     /// How punctually frames leave and how soon they are back: a cell over EtherCAT in real time, beside a bare loop with the same socket
     Fieldbus(FieldbusBenchOptions),
+    /// What a scan costs between processes alone, for numbers of axes, beside a futex ring, a pipe and bare iceoryx2
+    Ipc(IpcOptions),
     /// Blocks planned in a second on one core, beside reading alone, and what a window takes of its period
     Planning(PlanningOptions),
     /// Quadrant protrusions on machines of another structure than the controller's model: friction by place and direction, LuGre, noise,
@@ -87,6 +83,14 @@ pub enum BenchCommand {
     Plants(PlantsOptions),
     /// Speed and memory of `quadrant report` on a long log, beside reading, decompressing and checking the same bytes
     Report(BenchReportOptions),
+    /// Instructions and time of the parts of a scan, and whether the instructions are those that are expected
+    Scan(ScanOptions),
+    /// Whole cells in one process: scans a second, and what of a scan is physics and what control
+    Simulation(SimulationOptions),
+    /// How punctually the scans of a cell in realtime begin, beside a bare loop in the same seconds, idle and with every core busy
+    Wakeup(WakeupOptions),
+    /// Adds up what the parts of `bench faults` and `bench plants --random` have found
+    Merge(MergeOptions),
 }
 
 impl Default for BenchCommand {
@@ -94,6 +98,7 @@ impl Default for BenchCommand {
         BenchCommand::Lockstep(LockstepOptions {
             machine: BENCH_MACHINE.into(),
             rounds: ROUNDS,
+            axes: Vec::new(),
         })
     }
 }
@@ -112,6 +117,9 @@ pub struct LockstepOptions {
     /// Rounds of all measurements; the median counts
     #[arg(long, value_name = "N", default_value_t = ROUNDS, value_parser = clap::value_parser!(u32).range(1..=1000))]
     pub rounds: u32,
+    /// Machines of so many axes, made of this one by copying axes, each beside its own floor [default: this one]
+    #[arg(long, value_delimiter = ',', value_name = "N", value_parser = speed::axes)]
+    pub axes: Vec<usize>,
 }
 
 /// What `quadrant-lab bench fieldbus` takes.
@@ -123,6 +131,34 @@ pub struct FieldbusBenchOptions {
     /// Time of each measurement: bare loop, cell, bare loop
     #[arg(long, value_name = "S", default_value_t = 20, value_parser = clap::value_parser!(u64).range(1..=3600))]
     pub seconds: u64,
+}
+
+/// What `quadrant-lab bench all` takes.
+#[derive(Debug, Clone, Args)]
+pub struct AllOptions {
+    /// Folder for bench.md and bench.json
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// These alone
+    #[arg(long, value_delimiter = ',', value_name = "NAMES", value_parser = clap::builder::PossibleValuesParser::new(crate::bench::all::names()))]
+    pub only: Vec<String>,
+    /// As short as can be, to see that all of it works: the figures mean nothing
+    #[arg(long)]
+    pub shortest: bool,
+}
+
+/// What `quadrant-lab bench merge` takes.
+#[derive(Debug, Clone, Args)]
+#[command(
+    after_help = "Exit status 1: a seed violates an invariant. 2: lines of different campaigns, one number twice, or one that is missing."
+)]
+pub struct MergeOptions {
+    /// Files of `--lines`, in any order
+    #[arg(value_name = "FILES", required = true)]
+    pub files: Vec<PathBuf>,
+    /// File for the figures of every circle, as CSV; of `bench plants` alone
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
 }
 
 /// What `quadrant-lab bench planning` takes.
@@ -159,6 +195,12 @@ pub struct PlantsOptions {
     /// Number of the first of them: one plant again is `--random 1 --first K` with the same seed
     #[arg(long, value_name = "K", default_value_t = 0, requires = "random")]
     pub first: u64,
+    /// Part I of N of them: every Nth
+    #[arg(long, value_name = "I/N", default_value = "1/1", requires = "random")]
+    pub part: PartOf,
+    /// File for a line of JSON for each of them, as `bench merge` reads them
+    #[arg(long, value_name = "FILE", requires = "random")]
+    pub lines: Option<PathBuf>,
     /// File for the figures of every circle, as CSV
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
@@ -230,6 +272,12 @@ pub struct FaultsOptions {
     /// The first seed
     #[arg(long, value_name = "SEED", default_value_t = 1)]
     pub from: u64,
+    /// Part I of N of them: every Nth
+    #[arg(long, value_name = "I/N", default_value = "1/1")]
+    pub part: PartOf,
+    /// File for a line of JSON for each of them, as `bench merge` reads them
+    #[arg(long, value_name = "FILE")]
+    pub lines: Option<PathBuf>,
     /// Part program, in place of the built-in short ones
     #[arg(long, value_name = "FILE")]
     pub program: Option<PathBuf>,

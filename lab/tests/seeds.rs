@@ -13,6 +13,8 @@ fn no_seed_violates_an_invariant_or_hangs() {
         machine: PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../machines/xy"),
         seeds: size::number("SEEDS", 20, 60),
         from: size::number("FROM", 1, 1),
+        part: lab::bench::PartOf::WHOLE,
+        lines: None,
         program: None,
         jobs: 2,
         verbose: std::env::var_os("VERBOSE").is_some(),

@@ -15,6 +15,7 @@ use machine::{Machine, machine_file};
 use self::comparison::{Comparison, MethodPoints, Point};
 use self::measured::{Condition, Line, Measured, csv};
 use self::methods::{METHODS, Method, NEVER_WORSE_UM, REFERENCE};
+use super::figures::Figures;
 use super::lanes::in_order;
 use super::progress::progress_bar;
 use super::runs::{self, Runs};
@@ -34,7 +35,7 @@ struct Bench {
 }
 
 /// Measures the grid, prints the table and writes CSV and plot where asked to.
-pub fn circles(options: &CirclesOptions) -> Outcome {
+pub fn circles(options: &CirclesOptions, figures: &mut Figures) -> Outcome {
     let signals = Signals::catch().environment()?;
     let scratch = runs::scratch().environment()?;
     let bench = Bench::prepare(options, scratch.path()).input()?;
@@ -49,6 +50,17 @@ pub fn circles(options: &CirclesOptions) -> Outcome {
     bench.teach(&runs)?;
     let lines = bench.run(&runs, options)?;
     bench.print_summary(&lines);
+    for line in &lines {
+        let Condition {
+            radius_mm,
+            feed_mm_min,
+        } = line.condition;
+        let what = format!(
+            "R{radius_mm} F{feed_mm_min}, {}, worst reversal",
+            line.method
+        );
+        figures.add("circles", what, line.measured.worst_um(), "µm");
+    }
     if let Some(out) = &options.out {
         let file = out.join("circles.csv");
         let named = || format!("{}: cannot be written", file.display());

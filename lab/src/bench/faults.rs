@@ -4,77 +4,31 @@ mod judges;
 mod operator;
 mod programs;
 mod seed;
+mod tally;
 mod trial;
 
-use std::collections::BTreeMap;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
 
 use anyhow::{Context, anyhow};
 
+use super::campaign::{Asked, Campaign, Line, Lines};
+use super::figures::Figures;
 use crate::options::FaultsOptions;
-use console::exit::{Failure, Kind, Outcome};
+use console::exit::{Kind, Outcome};
 use console::output::say;
 use launcher::check;
 
 use programs::{ShortProgram, short_programs};
-use seed::{Scenario, Shape, draw, kind_of};
+use seed::{Scenario, Shape, draw};
+use tally::{Found, Tally};
 use trial::{Machines, Prepared, Verdict, prepare};
 
 /// Seeds between two lines of progress.
 const PROGRESS_SEEDS: u64 = 1000;
-/// The most failing seeds that are printed.
-const FAILURES_SHOWN: usize = 20;
-
-/// All seeds together.
-#[derive(Debug, Default)]
-struct Tally {
-    seeds: u64,
-    runs: u64,
-    scans: u64,
-    trips: u64,
-    stops: u64,
-    missed: u64,
-    finished: u64,
-    obeyed: u64,
-    kinds: BTreeMap<(&'static str, &'static str), u64>,
-    deviation_mm: f64,
-    failures: BTreeMap<u64, Vec<String>>,
-}
-
-impl Tally {
-    fn take(&mut self, seed: u64, scenario: &Scenario, verdict: &Verdict) {
-        self.seeds += 1;
-        self.runs += verdict.runs;
-        let shown = &verdict.shown;
-        self.scans += shown.scans * verdict.runs;
-        self.trips += u64::from(shown.trips);
-        self.stops += shown.stops.len() as u64;
-        self.missed += u64::from(shown.missed);
-        self.obeyed += verdict.obeyed.len() as u64;
-        self.finished += u64::from(shown.mode == Some(bus::sample::Mode::Finished));
-        self.deviation_mm = self.deviation_mm.max(shown.deviation_mm);
-        for (fault, fired) in scenario.faults.faults.iter().zip(&verdict.fired) {
-            if *fired {
-                *self
-                    .kinds
-                    .entry(kind_of(fault.process.job, &fault.action))
-                    .or_default() += 1;
-            }
-        }
-        if !verdict.violations.is_empty() {
-            let words = verdict.violations.iter();
-            let words: Vec<String> = words
-                .map(|v| format!("scan {}: {}", v.scan, v.what))
-                .collect();
-            if self.failures.len() < FAILURES_SHOWN {
-                say(&format!("  seed {seed}: {}", words.join("; ")));
-            }
-            self.failures.insert(seed, words);
-        }
-    }
-}
+/// Its name.
+pub(super) const NAME: &str = "faults";
 
 /// What every seed is drawn from.
 struct Stock {
@@ -94,47 +48,22 @@ impl Stock {
     }
 }
 
-/// Runs the seeds.
-pub fn faults(options: &FaultsOptions) -> Outcome {
+/// Runs the seeds, or a part of them.
+pub fn faults(options: &FaultsOptions, figures: &mut Figures) -> Outcome {
     let stock = stock(options).input()?;
+    let asked = Asked {
+        bench: NAME,
+        folder: &options.machine,
+        program: options.program.as_deref(),
+        seed: 0,
+        from: options.from,
+        count: options.seeds,
+    };
+    let campaign = Campaign::of(&asked, &stock.machines.alone).input()?;
+    let lines = Lines::create(&campaign, options.lines.as_deref()).environment()?;
     let started = Instant::now();
-    let next = AtomicU64::new(options.from);
-    let end = options.from.saturating_add(options.seeds);
-    let tally = Mutex::new(Tally::default());
-    let broken: Mutex<Option<anyhow::Error>> = Mutex::new(None);
-    std::thread::scope(|threads| {
-        for _ in 0..options.jobs {
-            threads.spawn(|| {
-                loop {
-                    let seed = next.fetch_add(1, Ordering::Relaxed);
-                    if seed >= end {
-                        return;
-                    }
-                    match stock.run(seed) {
-                        Ok((scenario, verdict)) => {
-                            if options.verbose {
-                                tell(&stock, seed, &scenario, &verdict);
-                            }
-                            let mut tally = tally.lock().unwrap_or_else(|e| e.into_inner());
-                            tally.take(seed, &scenario, &verdict);
-                            if tally.seeds.is_multiple_of(PROGRESS_SEEDS) {
-                                progress(&tally, options, started);
-                            }
-                        }
-                        Err(error) => {
-                            next.store(end, Ordering::Relaxed);
-                            let error = error.context(format!("seed {seed}"));
-                            *broken.lock().unwrap_or_else(|e| e.into_inner()) = Some(error);
-                            return;
-                        }
-                    }
-                }
-            });
-        }
-    });
-    if let Some(error) = broken.into_inner().unwrap_or_else(|e| e.into_inner()) {
-        return Err(Failure::Environment(error));
-    }
+    let tally = run_all(options, &stock, &lines).environment()?;
+    let elapsed_s = started.elapsed().as_secs_f64();
     for prepared in &stock.programs {
         let held = prepared.held_contour_mm.get();
         let held = held.map_or_else(String::new, |mm| {
@@ -147,11 +76,75 @@ pub fn faults(options: &FaultsOptions) -> Outcome {
             prepared.undisturbed.contour_mm.0 * 1e3
         ));
     }
-    conclude(
-        &tally.into_inner().unwrap_or_else(|e| e.into_inner()),
-        options,
-        started,
-    )
+    let runs_per_minute = tally.runs as f64 / elapsed_s * 60.0;
+    say(&format!(
+        "in {elapsed_s:.1} s: {runs_per_minute:.0} runs per minute"
+    ));
+    figures.add(
+        NAME,
+        "whole cells, each scan judged",
+        runs_per_minute,
+        "1/min",
+    );
+    tally.conclude(&campaign)
+}
+
+/// Every seed of the part.
+fn run_all(options: &FaultsOptions, stock: &Stock, lines: &Lines<'_>) -> anyhow::Result<Tally> {
+    let started = Instant::now();
+    let next = AtomicU64::new(0);
+    let part = options.part;
+    let tally = Mutex::new(Tally::default());
+    let broken: Mutex<Option<anyhow::Error>> = Mutex::new(None);
+    let one = |seed: u64| -> anyhow::Result<()> {
+        let (scenario, verdict) = stock.run(seed)?;
+        if options.verbose {
+            tell(stock, seed, &scenario, &verdict);
+        }
+        let found = Found::of(&scenario, &verdict);
+        lines.write(seed, &found)?;
+        let mut tally = tally.lock().unwrap_or_else(|e| e.into_inner());
+        tally.take(seed, &found);
+        if tally.seeds.is_multiple_of(PROGRESS_SEEDS) {
+            progress(&tally, options, started);
+        }
+        Ok(())
+    };
+    std::thread::scope(|threads| {
+        for _ in 0..options.jobs {
+            threads.spawn(|| {
+                while let Some(place) =
+                    part.place(next.fetch_add(1, Ordering::Relaxed), options.seeds)
+                {
+                    let seed = options.from.saturating_add(place);
+                    if let Err(error) = one(seed) {
+                        next.store(options.seeds, Ordering::Relaxed);
+                        let error = error.context(format!("seed {seed}"));
+                        *broken.lock().unwrap_or_else(|e| e.into_inner()) = Some(error);
+                        return;
+                    }
+                }
+            });
+        }
+    });
+    match broken.into_inner().unwrap_or_else(|e| e.into_inner()) {
+        Some(error) => Err(error),
+        None => Ok(tally.into_inner().unwrap_or_else(|e| e.into_inner())),
+    }
+}
+
+/// The lines of all parts of a campaign.
+///
+/// # Errors
+/// A line that is none of this bench, or a violation in one.
+pub(super) fn merge(campaign: &Campaign, lines: Vec<Line>) -> Outcome {
+    let mut tally = Tally::default();
+    for line in lines {
+        let found: Result<Found, _> = serde_json::from_value(line.found);
+        let found = found.with_context(|| format!("seed {}", line.number));
+        tally.take(line.number, &found.input()?);
+    }
+    tally.conclude(campaign)
 }
 
 fn stock(options: &FaultsOptions) -> anyhow::Result<Stock> {
@@ -268,46 +261,8 @@ fn progress(tally: &Tally, options: &FaultsOptions, started: Instant) {
     say(&format!(
         "{:>7} of {} seeds, {:.0} runs/s, {} violated",
         tally.seeds,
-        options.seeds,
+        options.part.share(options.seeds),
         tally.runs as f64 / elapsed_s,
-        tally.failures.len()
+        tally.violated()
     ));
-}
-
-fn conclude(tally: &Tally, options: &FaultsOptions, started: Instant) -> Outcome {
-    let elapsed_s = started.elapsed().as_secs_f64();
-    say(&format!(
-        "{} seeds in {elapsed_s:.1} s: {} runs ({:.0} per minute), {:.1} million scans judged",
-        tally.seeds,
-        tally.runs,
-        tally.runs as f64 / elapsed_s * 60.0,
-        tally.scans as f64 * 1e-6,
-    ));
-    say(&format!(
-        "{} finished; {} stops on the path; {} trips, at most {:.3} mm from the path; {} missed scans; {} orders that the machine asked for",
-        tally.finished, tally.stops, tally.trips, tally.deviation_mm, tally.missed, tally.obeyed
-    ));
-    for ((whose, what), count) in &tally.kinds {
-        say(&format!("  {whose:<13}{what:<8}{count:>7}"));
-    }
-    if tally.failures.is_empty() {
-        say("No invariant was violated.");
-        return Ok(());
-    }
-    let machine = options.machine.display();
-    let program = options
-        .program
-        .as_ref()
-        .map_or_else(String::new, |path| format!(" --program {}", path.display()));
-    for (seed, words) in tally.failures.iter().take(FAILURES_SHOWN) {
-        say(&format!("seed {seed}: {}", words.join("; ")));
-        say(&format!(
-            "  quadrant-lab bench faults {machine}{program} --from {seed} --seeds 1 -v"
-        ));
-    }
-    Err(Failure::Stopped(anyhow!(
-        "{} of {} seeds violate an invariant",
-        tally.failures.len(),
-        tally.seeds
-    )))
 }

@@ -1,33 +1,71 @@
 //! `quadrant-lab bench`: the project's own measurements, each beside its floor or its rivals on this machine.
 
+pub(crate) mod all;
+mod campaign;
 pub(crate) mod circles;
 mod faults;
 mod fieldbus;
+mod figures;
+mod ipc;
 mod lanes;
 mod lockstep;
+mod long_program;
+mod machines;
 mod planning;
 pub(crate) mod plants;
+mod processor_time;
 mod progress;
 mod report;
 mod runs;
+mod scan;
+mod scans;
+mod simulation;
+mod wakeup;
+mod watchers;
+mod windows;
 
-use crate::options::{BenchCommand, BenchOptions};
+use crate::options::{BenchCommand, BenchOptions, FaultsOptions};
 use console::exit::Outcome;
 use console::logs;
+use figures::Figures;
+pub(crate) use long_program::circles_program;
 
-pub use faults::faults;
-pub use lockstep::pong;
+pub use campaign::PartOf;
+pub use ipc::pong;
+pub use scan::part;
 
 /// Runs the measurement asked for.
 pub fn bench(options: &BenchOptions) -> Outcome {
     logs::init_launcher();
     match options.command.clone().unwrap_or_default() {
-        BenchCommand::Circles(options) => circles::circles(&options),
-        BenchCommand::Faults(options) => faults::faults(&options),
-        BenchCommand::Fieldbus(options) => fieldbus::fieldbus(&options),
-        BenchCommand::Lockstep(options) => lockstep::lockstep(&options),
-        BenchCommand::Planning(options) => planning::planning(&options),
-        BenchCommand::Plants(options) => plants::plants(&options),
-        BenchCommand::Report(options) => report::report(&options),
+        BenchCommand::All(options) => all::all(&options),
+        command => one(command, &mut Figures::default()),
     }
+}
+
+/// Runs one of them and notes its figures.
+fn one(command: BenchCommand, figures: &mut Figures) -> Outcome {
+    match command {
+        BenchCommand::All(options) => all::all(&options),
+        BenchCommand::Circles(options) => circles::circles(&options, figures),
+        BenchCommand::Faults(options) => faults::faults(&options, figures),
+        BenchCommand::Fieldbus(options) => fieldbus::fieldbus(&options),
+        BenchCommand::Ipc(options) => ipc::ipc(&options, figures),
+        BenchCommand::Lockstep(options) => lockstep::lockstep(&options, figures),
+        BenchCommand::Merge(options) => campaign::merge(&options),
+        BenchCommand::Planning(options) => planning::planning(&options, figures),
+        BenchCommand::Plants(options) => plants::plants(&options, figures),
+        BenchCommand::Report(options) => report::report(&options, figures),
+        BenchCommand::Scan(options) => scan::scan(&options, figures),
+        BenchCommand::Simulation(options) => simulation::simulation(&options, figures),
+        BenchCommand::Wakeup(options) => wakeup::wakeup(&options, figures),
+    }
+}
+
+/// Whole cells with faults, judged.
+///
+/// # Errors
+/// A seed violates an invariant.
+pub fn faults(options: &FaultsOptions) -> Outcome {
+    faults::faults(options, &mut Figures::default())
 }

@@ -8,12 +8,14 @@ use anyhow::{Context, anyhow};
 use bus::sample::MAX_AXES;
 use hdrhistogram::Histogram;
 use machine::{Machine, machine_file};
-use path::window::{Lead, WindowPlanner, WindowRequest};
+use path::window::WindowPlanner;
 use planner::ProgramText;
 use plant_sim::plant_file::PlantFile;
 use program::{Piece, Progress, Reading, Setup};
 
+use super::figures::Figures;
 use super::runs;
+use super::windows::Windows;
 use crate::faceted;
 use crate::options::PlanningOptions;
 use console::exit::{Failure, Kind, Outcome};
@@ -35,7 +37,7 @@ const LONGEST_NS: u64 = 10_000_000_000;
 ///
 /// # Errors
 /// A machine or a program that is wrong.
-pub fn planning(options: &PlanningOptions) -> Outcome {
+pub fn planning(options: &PlanningOptions, figures: &mut Figures) -> Outcome {
     let signals = Signals::catch().environment()?;
     let path = machine_file(&options.machine);
     let machine = Machine::load(&path).input()?;
@@ -62,7 +64,9 @@ pub fn planning(options: &PlanningOptions) -> Outcome {
         }
         let measured = measure(&machine, start, program);
         let measured = measured.with_context(|| program.display().to_string());
-        say(&measured.input()?.line(program, period_us));
+        let measured = measured.input()?;
+        say(&measured.line(program, period_us));
+        measured.note(period_us, figures);
     }
     Ok(())
 }
@@ -76,6 +80,26 @@ struct Measured {
 }
 
 impl Measured {
+    fn note(&self, period_us: f64, figures: &mut Figures) {
+        let per_s = |seconds: f64| self.elements as f64 / seconds;
+        figures.add(
+            "planning",
+            "blocks planned a second",
+            per_s(self.planning_s),
+            "1/s",
+        );
+        figures.beside("blocks read", per_s(self.reading_s));
+        if let Some(windows) = &self.windows {
+            figures.add(
+                "planning",
+                "longest window",
+                windows.max() as f64 * 1e-3,
+                "µs",
+            );
+            figures.beside("its period", period_us);
+        }
+    }
+
     fn line(&self, program: &Path, period_us: f64) -> String {
         let per_s = |seconds: f64| self.elements as f64 / seconds;
         let windows = self.windows.as_ref().map_or(String::new(), |windows| {
@@ -142,31 +166,16 @@ fn read(machine: &Machine, start: &[i64], file: &Path) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// How long each window of a program takes, in ns; every setpoint that it intends is executed.
+/// How long each window of a program takes, in ns.
 fn windows(machine: &Machine, planner: &mut WindowPlanner) -> anyhow::Result<Histogram<u64>> {
     let mut times_ns = Histogram::new_with_max(LONGEST_NS, 3)?;
-    let mut window = Vec::with_capacity(planner.setpoints_max());
-    let mut leads: Vec<Lead> = Vec::new();
-    let leads_max = planner.limits().smoothing_scans() as usize + 1;
-    let mut from = planner.start_state();
-    let mut request = WindowRequest {
-        intended_setpoints: machine.scan.interpolation_period_scans,
-        feed_override: 1.0,
-        repeats_start: true,
-        ..WindowRequest::default()
-    };
+    let mut windows = Windows::new(machine, planner);
     while times_ns.len() < WINDOWS_MAX {
         let began = Instant::now();
-        let made = planner.plan_behind(&from, &leads, &request, &mut window)?;
-        times_ns.saturating_record(began.elapsed().as_nanos() as u64);
-        request.repeats_start = false;
-        let mut intended = window.iter().take(made.intended_setpoints as usize);
-        leads.extend(intended.clone().map(|setpoint| setpoint.lead));
-        from = intended.next_back().context("an empty window")?.state;
-        leads.drain(..leads.len().saturating_sub(leads_max));
-        if made.ends_program {
-            return Ok(times_ns);
+        if !windows.plan_next()? {
+            break;
         }
+        times_ns.saturating_record(began.elapsed().as_nanos() as u64);
     }
     if times_ns.is_empty() {
         return Err(anyhow!("no window"));

@@ -17,12 +17,15 @@ use plant_sim::plant_file::PlantFile;
 
 use self::foreign::{FOREIGN, Foreign};
 use self::workload::{Left, Workload};
+use super::figures::Figures;
 use super::lanes::in_order;
 use super::progress::progress_bar;
 use crate::options::PlantsOptions;
 use console::exit::{Failure, Kind, Outcome};
 use console::output::say;
 use console::signals::Signals;
+
+pub(super) use study::merge;
 
 /// Circles before the grid, in which the servos see the machine that they drive: radius in mm, feed in mm/min.
 const WARM_UP: [(f64, f64); 6] = [
@@ -87,19 +90,27 @@ pub(crate) const WAYS: [Way; 4] = [
 /// Those of the table, if none is named.
 const TABLE_WAYS: usize = 3;
 
+/// Its name.
+pub(super) const NAME: &str = "plants";
+
 /// Runs every foreign plant with every way and prints the table.
-pub fn plants(options: &PlantsOptions) -> Outcome {
+pub fn plants(options: &PlantsOptions, figures: &mut Figures) -> Outcome {
     let file = machine_file(&options.machine);
     let machine = Machine::load(&file).input()?;
     let plant = PlantFile::load(&file.with_file_name("plant.toml")).input()?;
     match options.random {
         Some(count) => study::random(options, count, &machine, &plant),
-        None => table(options, &machine, &plant),
+        None => table(options, &machine, &plant, figures),
     }
 }
 
 /// Every foreign plant with every way.
-fn table(options: &PlantsOptions, machine: &Machine, plant: &PlantFile) -> Outcome {
+fn table(
+    options: &PlantsOptions,
+    machine: &Machine,
+    plant: &PlantFile,
+    figures: &mut Figures,
+) -> Outcome {
     let signals = Signals::catch().environment()?;
     let plants = chosen(&options.plants, FOREIGN, |of| of.name).input()?;
     let mut ways = chosen(&options.ways, &WAYS, |of| of.name).input()?;
@@ -138,7 +149,17 @@ fn table(options: &PlantsOptions, machine: &Machine, plant: &PlantFile) -> Outco
         }
     });
     bar.finish_and_clear();
-    write(options.out.as_deref(), &csv(&machine.name, &jobs, &found?))
+    let found = found?;
+    for ((foreign, way), left) in jobs.iter().zip(&found) {
+        if let Some((mean_um, _)) = summary(left) {
+            let what = format!(
+                "{}, {}, mean protrusion or undercut",
+                foreign.name, way.name
+            );
+            figures.add(NAME, what, mean_um, "µm");
+        }
+    }
+    write(options.out.as_deref(), &csv(&machine.name, &jobs, &found))
 }
 
 /// Writes the figures where asked to.

@@ -1,16 +1,17 @@
 //! `quadrant-lab bench report`: speed and memory of `quadrant report` on a long log.
 
-use std::fmt::Write as _;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, bail};
 use rustix::process::{Pid, WaitId, WaitIdOptions, waitid};
-use rustix::time::{ClockId, clock_gettime};
 use serde_json::Value;
 use tempfile::TempDir;
 
+use super::circles_program;
+use super::figures::Figures;
+use super::processor_time;
 use super::runs::{self, Runs};
 use crate::options::BenchReportOptions;
 use console::child;
@@ -22,12 +23,6 @@ use console::signals::Signals;
 const ROUNDS: usize = 3;
 /// How often the memory of the process is looked at. Its own peak is read, so only what it needs last can be missed.
 const LOOK_EVERY: Duration = Duration::from_millis(5);
-/// Machine time of one repetition of the program, in s: two turns each way with R25 at 3 m/min, and two dwells.
-const REPETITION_S: f64 = 13.58;
-
-/// Unit of processor times in /proc: USER_HZ, 100 on every architecture this runs on.
-const CLOCK_TICKS_PER_S: f64 = 100.0;
-
 /// What making a report cost.
 #[derive(Debug, Clone, Copy)]
 struct Cost {
@@ -40,7 +35,7 @@ struct Cost {
 ///
 /// # Errors
 /// The log cannot be made, or not be measured.
-pub fn report(options: &BenchReportOptions) -> Outcome {
+pub fn report(options: &BenchReportOptions, figures: &mut Figures) -> Outcome {
     let signals = Signals::catch().environment()?;
     let scratch = runs::scratch().environment()?;
     let run_dir = match &options.run {
@@ -59,7 +54,11 @@ pub fn report(options: &BenchReportOptions) -> Outcome {
     floors.sort_by(|a, b| a.cpu_s.total_cmp(&b.cpu_s));
     costs.sort_by(|a, b| a.wall_s.total_cmp(&b.wall_s));
     match (floors.get(ROUNDS / 2), costs.get(ROUNDS / 2)) {
-        (Some(floor), Some(cost)) => print(&run_dir, floor, cost).environment(),
+        (Some(floor), Some(cost)) => {
+            figures.add("report", "processor time of a report", cost.cpu_s, "s");
+            figures.beside("reading its log", floor.cpu_s);
+            print(&run_dir, floor, cost).environment()
+        }
         _ => Ok(()),
     }
 }
@@ -113,17 +112,9 @@ fn make_log(
     signals: &Signals,
     options: &BenchReportOptions,
 ) -> Result<PathBuf, Failure> {
-    let repetitions = (f64::from(options.minutes) * 60.0 / REPETITION_S).ceil();
-    let mut text = String::from("G21 G17 G90 G94 G91.1\nF3000\nG0 X25 Y0\n");
-    for _ in 0..repetitions as u32 {
-        for word in ["G3", "G2"] {
-            // Writing to a string cannot fail.
-            let _ = writeln!(text, "G4 P0.5\n{word} X25 Y0 I-25\n{word} X25 Y0 I-25");
-        }
-    }
-    text += "M2\n";
     let program = scratch.path().join("circles.ngc");
-    fs::write(&program, text).environment()?;
+    let seconds = u64::from(options.minutes) * 60;
+    fs::write(&program, circles_program(seconds)).environment()?;
     let runs = Runs { scratch, signals };
     runs.kept(&options.machine, &program)
 }
@@ -139,7 +130,7 @@ struct Floor {
 
 /// Reads, decompresses and checks the log in this thread.
 fn floor_of(run_dir: &Path) -> anyhow::Result<Floor> {
-    let (started, cpu_before_s) = (Instant::now(), thread_cpu_s());
+    let (started, cpu_before_s) = (Instant::now(), processor_time::of_thread_s());
     let (mut file_bytes, mut record_bytes) = (0, 0);
     for part in monitor::log::part_files(run_dir)? {
         let (of_file, of_records) = monitor::log::read_only(&part)?;
@@ -148,15 +139,10 @@ fn floor_of(run_dir: &Path) -> anyhow::Result<Floor> {
     }
     Ok(Floor {
         wall_s: started.elapsed().as_secs_f64(),
-        cpu_s: thread_cpu_s() - cpu_before_s,
+        cpu_s: processor_time::of_thread_s() - cpu_before_s,
         file_bytes,
         record_bytes,
     })
-}
-
-fn thread_cpu_s() -> f64 {
-    let time = clock_gettime(ClockId::ThreadCPUTime);
-    time.tv_sec as f64 + time.tv_nsec as f64 * 1e-9
 }
 
 /// Makes the report in a process of its own.
@@ -179,14 +165,15 @@ fn cost_of_report(run_dir: &Path, signals: &Signals) -> anyhow::Result<Cost> {
         std::thread::sleep(LOOK_EVERY);
     }
     let wall_s = started.elapsed().as_secs_f64();
-    let cpu_s = cpu_s_in(&proc).context("/proc says nothing of the report's process")?;
+    let stat = processor_time::stat(child.id());
+    let stat = stat.context("/proc says nothing of the report's process")?;
     let status = child.wait()?;
     if !status.success() {
         bail!("the report ended with {status}");
     }
     Ok(Cost {
         wall_s,
-        cpu_s,
+        cpu_s: stat.own_s,
         peak_kb,
     })
 }
@@ -195,14 +182,4 @@ fn peak_kb_in(proc: &Path) -> Option<u64> {
     let status = fs::read_to_string(proc.join("status")).ok()?;
     let line = status.lines().find(|line| line.starts_with("VmHWM:"))?;
     line.split_whitespace().nth(1)?.parse().ok()
-}
-
-/// Time in user and kernel mode, in s (proc(5): fields 14 and 15 of `stat`).
-fn cpu_s_in(proc: &Path) -> Option<f64> {
-    let text = fs::read_to_string(proc.join("stat")).ok()?;
-    let (_, rest) = text.rsplit_once(')')?;
-    let mut words = rest.split_whitespace().skip(11);
-    let user: f64 = words.next()?.parse().ok()?;
-    let system: f64 = words.next()?.parse().ok()?;
-    Some((user + system) / CLOCK_TICKS_PER_S)
 }

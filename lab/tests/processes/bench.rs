@@ -113,7 +113,13 @@ struct Known {
 const RUN: &[&str] = &["quadrant run", "quadrant servo"];
 /// All of them. Those without a short form have tests of their own below; a cell of the one of the fieldbus needs drives on a bus:
 /// tests/ethercat/observed.rs.
-const BENCHES: [Known; 7] = [
+const BENCHES: [Known; 13] = [
+    Known {
+        name: "all",
+        short: None,
+        long: &[],
+        roles: &[],
+    },
     Known {
         name: "lockstep",
         short: Some((&["--rounds", "1"], "hand-overs by a bare ring of")),
@@ -139,6 +145,15 @@ const BENCHES: [Known; 7] = [
         roles: &[],
     },
     Known {
+        name: "ipc",
+        short: Some((
+            &["--axes", "1,2", "--scans", "200", "--rounds", "1"],
+            "floor: bare iceoryx2",
+        )),
+        long: &["--axes", "2", "--rounds", "1000"],
+        roles: &["quadrant bench-pong"],
+    },
+    Known {
         name: "planning",
         short: Some((
             &["machines/xy", "machines/xy/programs/circle-r25-f3000.ngc"],
@@ -158,6 +173,30 @@ const BENCHES: [Known; 7] = [
         short: None,
         long: &["--minutes", "60"],
         roles: RUN,
+    },
+    Known {
+        name: "scan",
+        short: Some((&[], "a window of the planner")),
+        long: &[],
+        roles: &[],
+    },
+    Known {
+        name: "simulation",
+        short: Some((&["--scans", "500", "--rounds", "1"], "scans/s")),
+        long: &["--rounds", "1000"],
+        roles: &[],
+    },
+    Known {
+        name: "wakeup",
+        short: Some((&["--seconds", "1"], "cell over bare loop")),
+        long: &["--seconds", "3"],
+        roles: RUN,
+    },
+    Known {
+        name: "merge",
+        short: None,
+        long: &[],
+        roles: &[],
     },
 ];
 
@@ -374,6 +413,173 @@ fn the_report_of_a_long_log_is_measured_beside_reading_alone() {
     }
     // It reads the log, too: it cannot be cheaper than only that, but for the grain of the clocks.
     assert!(value("ratio") > 0.9, "{printed}");
+}
+
+#[test]
+fn a_machine_of_three_axes_is_measured_beside_its_own_floor_and_who_watches_it() {
+    let done = quadrant()
+        .args(["bench", "lockstep", "--rounds", "1", "--axes", "3"])
+        .output()
+        .expect("quadrant");
+    let stderr = String::from_utf8_lossy(&done.stderr);
+    assert!(done.status.success(), "{stderr}");
+    let printed = String::from_utf8_lossy(&done.stdout);
+    for words in ["axes: 3, processes: 6", "4.12 a scan", "who watches"] {
+        assert!(printed.contains(words), "{words}: {printed}");
+    }
+    let (_, part) = printed.split_once("who watches").expect("a part");
+    let percent = part.split_whitespace().next().expect("a number");
+    let percent: f64 = percent.parse().expect("a number");
+    assert!(percent > 1.0 && percent < 99.0, "{printed}");
+}
+
+#[test]
+fn all_benches_together_give_a_table_and_a_file_for_programs() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let done = quadrant()
+        .args(["bench", "all", "--shortest", "--only"])
+        .args(["ipc,simulation,faults,fieldbus", "--out"])
+        .arg(folder.path().join("out"))
+        .output()
+        .expect("quadrant");
+    let stderr = String::from_utf8_lossy(&done.stderr);
+    assert!(done.status.success(), "{stderr}");
+    let read = |name: &str| fs::read_to_string(folder.path().join("out").join(name));
+    let table = read("bench.md").expect("bench.md");
+    let json = read("bench.json").expect("bench.json");
+    let json: serde_json::Value = serde_json::from_str(&json).expect("JSON");
+    let figures = json["figures"].as_array().expect("figures");
+    for bench in ["ipc", "simulation", "faults"] {
+        let its: Vec<_> = figures.iter().filter(|f| f["bench"] == bench).collect();
+        assert!(!its.is_empty(), "{bench}: {json}");
+        for figure in its {
+            assert!(
+                figure["value"].as_f64().is_some_and(|v| v > 0.0),
+                "{figure}"
+            );
+        }
+        assert!(table.contains(&format!("| {bench} | ")), "{table}");
+    }
+    assert!(table.contains("Left out: fieldbus"), "{table}");
+    assert!(json["place"]["cores"].as_u64() > Some(0), "{json}");
+}
+
+#[test]
+fn without_valgrind_a_scan_is_timed_and_nothing_is_compared() {
+    let done = quadrant()
+        .args(["bench", "scan", "--check"])
+        .env("PATH", "/nowhere")
+        .output()
+        .expect("quadrant");
+    let stderr = String::from_utf8_lossy(&done.stderr);
+    assert!(done.status.success(), "{stderr}");
+    let printed = String::from_utf8_lossy(&done.stdout);
+    assert!(printed.contains("valgrind is not installed"), "{printed}");
+    assert!(printed.contains("a servo's scan"), "{printed}");
+}
+
+/// Lines of a bench's output that say what was found, without times and progress.
+fn totals(output: &std::process::Output) -> Vec<String> {
+    let printed = String::from_utf8_lossy(&output.stdout).into_owned();
+    let passes = |line: &&str| {
+        let is_found = !line.starts_with("in ") && !line.contains("scans; undisturbed");
+        is_found && !line.contains("runs/s")
+    };
+    printed.lines().filter(passes).map(str::to_owned).collect()
+}
+
+/// Runs a campaign as a whole and in parts, and merges those in another order.
+fn whole_and_merged(words: &[&str], parts: u32) -> (Vec<String>, Vec<String>) {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let run = |words: &[&str]| {
+        let done = quadrant().args(words).output().expect("quadrant");
+        let stderr = String::from_utf8_lossy(&done.stderr);
+        assert!(done.status.success(), "{words:?}: {stderr}");
+        done
+    };
+    let whole = totals(&run(words));
+    let mut files: Vec<String> = Vec::new();
+    for part in 1..=parts {
+        let file = folder.path().join(format!("{part}.jsonl"));
+        let (file, part) = (file.display().to_string(), format!("{part}/{parts}"));
+        run(&[words, &["--part", &part, "--lines", &file]].concat());
+        files.push(file);
+    }
+    files.reverse();
+    let files: Vec<&str> = files.iter().map(String::as_str).collect();
+    let merged = totals(&run(&[&["bench", "merge"], files.as_slice()].concat()));
+
+    // A part that was not run is no total, and one that was run twice neither.
+    let merge = |files: &[&str]| {
+        let done = quadrant().args(["bench", "merge"]).args(files).output();
+        let done = done.expect("quadrant");
+        let stderr = String::from_utf8_lossy(&done.stderr).into_owned();
+        (done.status.code(), stderr)
+    };
+    let (status, said) = merge(&files[1..]);
+    assert!(status == Some(2) && said.contains("are missing"), "{said}");
+    let (status, said) = merge(&[files.as_slice(), &files[..1]].concat());
+    assert!(
+        status == Some(2) && said.contains("is there twice"),
+        "{said}"
+    );
+    (whole, merged)
+}
+
+#[test]
+fn parts_of_a_campaign_of_faults_have_the_totals_of_one_run() {
+    let words = ["bench", "faults", "machines/xy", "--seeds", "9"];
+    let (whole, merged) = whole_and_merged(&words, 3);
+    assert_eq!(whole, merged);
+    assert!(
+        whole.iter().any(|line| line.starts_with("9 seeds: ")),
+        "{whole:?}"
+    );
+}
+
+#[test]
+fn parts_of_a_campaign_of_plants_have_the_totals_of_one_run() {
+    let words = [
+        "bench",
+        "plants",
+        "machines/xy",
+        "--random",
+        "2",
+        "--seed",
+        "5",
+    ];
+    let (whole, merged) = whole_and_merged(&words, 2);
+    assert_eq!(whole, merged);
+    let first = "2 random plants of seed 5 from number 0 on; machines/xy";
+    assert!(whole.iter().any(|line| line == first), "{whole:?}");
+}
+
+#[test]
+fn lines_of_different_campaigns_are_not_added_up() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let file = |name: &str| folder.path().join(name).display().to_string();
+    for (seeds, name) in [("1", "one"), ("2", "other")] {
+        let done = quadrant()
+            .args(["bench", "faults", "machines/xy", "--seeds", seeds])
+            .args(["--lines", &file(name)])
+            .output()
+            .expect("quadrant");
+        assert!(done.status.success(), "{done:?}");
+    }
+    fs::write(file("none"), "{}\n").expect("a file");
+    for (files, words) in [
+        (["one", "other"], "other:1: is of another campaign"),
+        (["one", "none"], "none:1"),
+    ] {
+        let done = quadrant()
+            .args(["bench", "merge"])
+            .args(files.map(file))
+            .output()
+            .expect("quadrant");
+        let stderr = String::from_utf8_lossy(&done.stderr);
+        assert_eq!(done.status.code(), Some(2), "{stderr}");
+        assert!(stderr.contains(words), "{stderr}");
+    }
 }
 
 #[test]

@@ -1,19 +1,23 @@
 //! `quadrant-lab bench plants --random N`: how what is left at reversals is spread over machines that nobody has seen.
 
 use std::fmt::Write as _;
+use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use anyhow::Context;
 use machine::Machine;
 use plant_sim::plant_file::PlantFile;
+use serde::{Deserialize, Serialize};
 
 use super::distribution::{Distribution, percent};
 use super::random::{RandomPlant, draw, structures};
 use super::workload::{Circle, Ran, Workload};
-use super::{WAYS, Way, summary, write};
+use super::{NAME, WAYS, Way, summary, write};
+use crate::bench::campaign::{Asked, Campaign, Line, Lines};
 use crate::bench::lanes::in_order;
 use crate::bench::progress::progress_bar;
 use crate::options::PlantsOptions;
-use console::exit::{Failure, Kind, Outcome};
+use console::exit::{Kind, Outcome};
 use console::output::say;
 use console::signals::Signals;
 
@@ -28,10 +32,18 @@ const WORSE_UM: f64 = 0.5;
 /// A structure that moves a table at rest.
 const SHAKES: &str = "cutting";
 
+/// What each way left on a plant, as a line has it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Found {
+    structures: Vec<String>,
+    ran: Vec<Ran>,
+}
+
 /// A plant and what each way left on it.
 struct Row {
     number: u64,
-    structures: Vec<&'static str>,
+    structures: Vec<String>,
     ran: Vec<Ran>,
 }
 
@@ -49,11 +61,16 @@ impl Row {
     }
 
     fn has(&self, structure: &str) -> bool {
-        self.structures.contains(&structure)
+        self.structures.iter().any(|of| of == structure)
     }
 }
 
-/// Random plants, each as shipped, with the pulse and without compensation.
+/// The ways that each plant is run with.
+fn study_ways() -> Vec<&'static Way> {
+    WAYS.iter().filter(|way| way.name != "tuned").collect()
+}
+
+/// Random plants, each as shipped, with the pulse and without compensation; or a part of them.
 pub(super) fn random(
     options: &PlantsOptions,
     count: u64,
@@ -61,7 +78,17 @@ pub(super) fn random(
     plant: &PlantFile,
 ) -> Outcome {
     let signals = Signals::catch().environment()?;
-    let ways: Vec<&Way> = WAYS.iter().filter(|way| way.name != "tuned").collect();
+    let asked = Asked {
+        bench: NAME,
+        folder: &options.machine,
+        program: None,
+        seed: options.seed,
+        from: options.first,
+        count,
+    };
+    let campaign = Campaign::of(&asked, machine).input()?;
+    let lines = Lines::create(&campaign, options.lines.as_deref()).environment()?;
+    let ways = study_ways();
     let course = Workload {
         warm_up: WARM_UP.to_vec(),
         circles: CIRCLES.to_vec(),
@@ -69,10 +96,16 @@ pub(super) fn random(
         rest_s: REST_S,
     };
     let drawn = |number: u64| draw(plant, options.seed, number, machine.scan_period_s());
-    let jobs = count as usize * ways.len();
+    let part = options.part;
+    let numbers: Vec<u64> = (0..)
+        .map_while(|place| part.place(place, count))
+        .map(|place| options.first.saturating_add(place))
+        .collect();
+    let jobs = numbers.len() * ways.len();
     let bar = progress_bar(jobs as u64);
     let work = |job: usize, _: usize, failed: &AtomicBool| {
-        let number = options.first + (job / ways.len()) as u64;
+        let number = numbers.get(job / ways.len()).copied();
+        let number = number.context("a plant outside the part").environment()?;
         let RandomPlant { file, .. } = drawn(number);
         let mut machine = machine.clone();
         if let Some(way) = ways.get(job % ways.len()) {
@@ -81,32 +114,73 @@ pub(super) fn random(
         let is_over = || signals.count() > 0 || failed.load(Ordering::Relaxed);
         course.run(&machine, &file, is_over)
     };
-    let ran: Result<Vec<Ran>, Failure> =
-        in_order(options.jobs as usize, jobs, work, |_| bar.inc(1));
+    let mut rows: Vec<Row> = Vec::new();
+    let mut unwritten = None;
+    let done = |ran: &[Ran]| {
+        bar.inc(1);
+        let from = rows.len() * ways.len();
+        for (number, ran) in numbers
+            .iter()
+            .skip(rows.len())
+            .zip(ran.get(from..).unwrap_or_default().chunks_exact(ways.len()))
+        {
+            let structures = drawn(*number).structures.into_iter().map(String::from);
+            let found = Found {
+                structures: structures.collect(),
+                ran: ran.to_vec(),
+            };
+            unwritten = lines.write(*number, &found).err().or(unwritten.take());
+            rows.push(Row::of(*number, found));
+        }
+    };
+    let ended = in_order(options.jobs as usize, jobs, work, done);
     bar.finish_and_clear();
-    let ran = ran?;
-    let rows: Vec<Row> = (options.first..)
-        .zip(ran.chunks(ways.len()))
-        .map(|(number, ran)| Row {
+    ended?;
+    if let Some(error) = unwritten {
+        return Err(error).environment();
+    }
+    conclude(&campaign, &rows, options.out.as_deref())
+}
+
+/// The lines of all parts of a campaign.
+///
+/// # Errors
+/// A line that is none of this bench, or the figures cannot be written.
+pub(crate) fn merge(campaign: &Campaign, lines: Vec<Line>, out: Option<&Path>) -> Outcome {
+    let rows = lines.into_iter().map(|line| {
+        let found: Found =
+            serde_json::from_value(line.found).with_context(|| format!("plant {}", line.number))?;
+        Ok(Row::of(line.number, found))
+    });
+    let rows: anyhow::Result<Vec<Row>> = rows.collect();
+    conclude(campaign, &rows.input()?, out)
+}
+
+impl Row {
+    fn of(number: u64, found: Found) -> Row {
+        Row {
             number,
-            structures: drawn(number).structures,
-            ran: ran.to_vec(),
-        })
-        .collect();
+            structures: found.structures,
+            ran: found.ran,
+        }
+    }
+}
+
+/// Prints what was found, and writes the figures where asked to.
+fn conclude(campaign: &Campaign, rows: &[Row], out: Option<&Path>) -> Outcome {
+    let ways = study_ways();
     say(&format!(
-        "{count} random plants of seed {} from number {} on; {}",
-        options.seed,
-        options.first,
-        options.machine.display()
+        "{} random plants of seed {} from number {} on; {}",
+        rows.len(),
+        campaign.seed,
+        campaign.from,
+        campaign.machine
     ));
-    print_ways(&rows, &ways);
-    print_worse(&rows, &ways);
-    print_structures(&rows, &ways);
-    print_stopped(&rows, &ways, machine);
-    write(
-        options.out.as_deref(),
-        &csv(machine, options.seed, &rows, &ways),
-    )
+    print_ways(rows, &ways);
+    print_worse(rows, &ways);
+    print_structures(rows, &ways);
+    print_stopped(rows, &ways, &campaign.axes);
+    write(out, &csv(campaign, rows, &ways))
 }
 
 fn print_ways(rows: &[Row], ways: &[&Way]) {
@@ -209,7 +283,7 @@ fn print_structures(rows: &[Row], ways: &[&Way]) {
 }
 
 /// Every run that stopped, and every axis that goes to and fro at rest where nothing shakes it.
-fn print_stopped(rows: &[Row], ways: &[&Way], machine: &Machine) {
+fn print_stopped(rows: &[Row], ways: &[&Way], axes: &[String]) {
     for row in rows {
         for (way, ran) in ways.iter().zip(&row.ran) {
             let made_of = || row.structures.join(", ");
@@ -221,13 +295,13 @@ fn print_stopped(rows: &[Row], ways: &[&Way], machine: &Machine) {
                     made_of()
                 ));
             }
-            let cycling = ran.cycling.iter().zip(&machine.axes);
+            let cycling = ran.cycling.iter().zip(axes);
             for (_, axis) in cycling.filter(|(cycles, _)| **cycles && !row.has(SHAKES)) {
                 say(&format!(
                     "plant {}, {}: axis {} goes to and fro at rest ({})",
                     row.number,
                     way.name,
-                    axis.name,
+                    axis,
                     made_of()
                 ));
             }
@@ -235,7 +309,7 @@ fn print_stopped(rows: &[Row], ways: &[&Way], machine: &Machine) {
     }
 }
 
-fn csv(machine: &Machine, seed: u64, rows: &[Row], ways: &[&Way]) -> String {
+fn csv(campaign: &Campaign, rows: &[Row], ways: &[&Way]) -> String {
     let mut text = String::from("machine,seed,plant,structures,way,stopped,to_and_fro_axes");
     for (radius_mm, feed_mm_min) in CIRCLES {
         let _ = write!(text, ",r{radius_mm}_f{feed_mm_min}_worst_um");
@@ -243,13 +317,14 @@ fn csv(machine: &Machine, seed: u64, rows: &[Row], ways: &[&Way]) -> String {
     text += "\n";
     for row in rows {
         for (way, ran) in ways.iter().zip(&row.ran) {
-            let cycling = ran.cycling.iter().zip(&machine.axes);
+            let cycling = ran.cycling.iter().zip(&campaign.axes);
             let cycling = cycling.filter(|(cycles, _)| **cycles);
-            let cycling: String = cycling.map(|(_, axis)| axis.name.as_str()).collect();
+            let cycling: String = cycling.map(|(_, axis)| axis.as_str()).collect();
             let _ = write!(
                 text,
-                "{},{seed},{},{},{},{},{cycling}",
-                machine.name,
+                "{},{},{},{},{},{},{cycling}",
+                campaign.name,
+                campaign.seed,
                 row.number,
                 row.structures.join(" "),
                 way.name,

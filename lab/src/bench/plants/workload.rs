@@ -13,7 +13,9 @@ use monitor::words::StopCause;
 use path::geometry::AxisVector;
 use plant_sim::plant_file::PlantFile;
 use program::Setup;
+use serde::{Deserialize, Serialize};
 
+use crate::bench::campaign::to_keep;
 use crate::cell::InProcessCell;
 use console::exit::{Failure, Kind};
 
@@ -40,7 +42,8 @@ pub(crate) struct Workload {
 pub(crate) type Left = Vec<Option<f64>>;
 
 /// How it went.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub(crate) struct Ran {
     /// What it left.
     pub left: Left,
@@ -122,7 +125,7 @@ impl Workload {
             let worst_um = of_circle
                 .filter_map(|of| Some(of.protrusion_um?.max(-of.undercut_um?)))
                 .fold(0.0, f64::max);
-            completed.then_some(worst_um)
+            completed.then_some(to_keep(worst_um))
         });
         Ok(Ran {
             left: worst.collect(),

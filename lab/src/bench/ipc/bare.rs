@@ -1,0 +1,153 @@
+//! The bytes of the samples through iceoryx2 as it is: no checksum, no word on when a sample is visible. The one file beside `bus` that
+//! names it.
+
+use std::fmt::Debug;
+
+use anyhow::anyhow;
+use bus::cell::CellPaths;
+use bus::sample::{AxisCommand, Feedback};
+use bus::service::SCAN_DEPTH;
+use iceoryx2::node::{Node, NodeBuilder};
+use iceoryx2::port::publisher::Publisher;
+use iceoryx2::port::subscriber::Subscriber;
+use iceoryx2::prelude::{ServiceName, SignalHandlingMode, ZeroCopySend};
+use iceoryx2::service::ipc;
+use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
+
+type FeedbackBytes = [u8; size_of::<Feedback>()];
+type CommandBytes = [u8; size_of::<AxisCommand>()];
+type Service<T> = PortFactory<ipc::Service, T, ()>;
+
+fn failed(error: impl Debug) -> anyhow::Error {
+    anyhow!("iceoryx2: {error:?}")
+}
+
+fn enter(place: &CellPaths) -> anyhow::Result<Node<ipc::Service>> {
+    let node = NodeBuilder::new()
+        .config(&place.config(false)?)
+        .signal_handling_mode(SignalHandlingMode::Disabled);
+    node.create::<ipc::Service>().map_err(failed)
+}
+
+/// A service of the game, made by whoever comes first.
+fn service<T: ZeroCopySend + Debug + Sized>(
+    node: &Node<ipc::Service>,
+    place: &CellPaths,
+    name: &str,
+    readers: usize,
+) -> anyhow::Result<Service<T>> {
+    let name = ServiceName::new(&format!("{}/{name}", place.name())).map_err(failed)?;
+    let builder = node.service_builder(&name).publish_subscribe::<T>();
+    builder
+        .enable_safe_overflow(true)
+        .max_publishers(1)
+        .max_subscribers(readers)
+        .max_nodes(readers + 2)
+        .subscriber_max_buffer_size(SCAN_DEPTH)
+        .subscriber_max_borrowed_samples(2)
+        .history_size(0)
+        .open_or_create()
+        .map_err(failed)
+}
+
+fn feedback_of(
+    node: &Node<ipc::Service>,
+    place: &CellPaths,
+    axes: usize,
+) -> anyhow::Result<Service<FeedbackBytes>> {
+    service(node, place, "bare/feedback", axes)
+}
+
+fn command_of(
+    node: &Node<ipc::Service>,
+    place: &CellPaths,
+    axis: usize,
+) -> anyhow::Result<Service<CommandBytes>> {
+    service(node, place, &format!("bare/command/{axis}"), 1)
+}
+
+/// The master's ports.
+pub(super) struct BareMaster {
+    _node: Node<ipc::Service>,
+    feedback: Box<FeedbackBytes>,
+    out: Publisher<ipc::Service, FeedbackBytes, ()>,
+    commands: Vec<Subscriber<ipc::Service, CommandBytes, ()>>,
+}
+
+impl BareMaster {
+    pub fn open(place: &CellPaths, axes: usize) -> anyhow::Result<BareMaster> {
+        let node = enter(place)?;
+        let feedback = feedback_of(&node, place, axes)?;
+        let out = feedback.publisher_builder().max_loaned_samples(2);
+        let commands = (0..axes).map(|axis| {
+            let service = command_of(&node, place, axis)?;
+            service.subscriber_builder().create().map_err(failed)
+        });
+        Ok(BareMaster {
+            commands: commands.collect::<anyhow::Result<_>>()?,
+            out: out.create().map_err(failed)?,
+            feedback: Box::new([0; size_of::<Feedback>()]),
+            _node: node,
+        })
+    }
+
+    pub fn send(&mut self, scan: u32) {
+        if let Some(bytes) = self.feedback.first_chunk_mut() {
+            *bytes = scan.to_ne_bytes();
+        }
+        if let Ok(loan) = self.out.loan_uninit() {
+            let _ = loan.write_payload(*self.feedback).send();
+        }
+    }
+
+    /// Whether each has sent something.
+    pub fn receive(&mut self) -> bool {
+        self.commands.iter().all(|commands| {
+            let command = commands.receive().ok().flatten();
+            command.is_some_and(|command| {
+                std::hint::black_box(*command);
+                true
+            })
+        })
+    }
+}
+
+/// A servo's ports.
+pub(super) struct BareServo {
+    _node: Node<ipc::Service>,
+    feedback: Subscriber<ipc::Service, FeedbackBytes, ()>,
+    command: Box<CommandBytes>,
+    out: Publisher<ipc::Service, CommandBytes, ()>,
+}
+
+impl BareServo {
+    pub fn open(place: &CellPaths, axes: usize, axis: usize) -> anyhow::Result<BareServo> {
+        let node = enter(place)?;
+        let feedback = feedback_of(&node, place, axes)?;
+        let command = command_of(&node, place, axis)?;
+        let out = command.publisher_builder().max_loaned_samples(2);
+        Ok(BareServo {
+            feedback: feedback.subscriber_builder().create().map_err(failed)?,
+            out: out.create().map_err(failed)?,
+            command: Box::new([0; size_of::<AxisCommand>()]),
+            _node: node,
+        })
+    }
+
+    /// Answers a feedback, if there is one.
+    pub fn answer(&mut self) {
+        let Ok(Some(feedback)) = self.feedback.receive() else {
+            return;
+        };
+        let feedback = std::hint::black_box(*feedback);
+        if let (Some(to), Some(from)) = (
+            self.command.first_chunk_mut::<4>(),
+            feedback.first_chunk::<4>(),
+        ) {
+            *to = *from;
+        }
+        if let Ok(loan) = self.out.loan_uninit() {
+            let _ = loan.write_payload(*self.command).send();
+        }
+    }
+}
