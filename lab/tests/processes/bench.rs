@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
 use crate::size;
-use crate::support::{Bench, PATIENCE, children_of, quadrant, send, wait_until_gone};
+use crate::support::{Bench, PATIENCE, children_of, quadrant, root, send, wait_until_gone};
 
 #[test]
 fn a_small_grid_gives_a_table_a_csv_and_a_plot() {
@@ -552,6 +552,73 @@ fn parts_of_a_campaign_of_plants_have_the_totals_of_one_run() {
     assert_eq!(whole, merged);
     let first = "2 random plants of seed 5 from number 0 on; machines/xy";
     assert!(whole.iter().any(|line| line == first), "{whole:?}");
+}
+
+/// Whoever runs array jobs finds no cluster here: their shells do what they would be told to do there, on four seeds in two parts.
+#[test]
+fn the_array_jobs_of_the_book_do_their_parts_and_are_added_up() {
+    let page = fs::read_to_string(root().join("docs/howto/campaigns.md")).expect("the page");
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let path = |name: &str| folder.path().join(name);
+    fs::create_dir(path("bin")).expect("a folder");
+    std::os::unix::fs::symlink(quadrant().get_program(), path("bin/quadrant-lab")).expect("a link");
+    std::os::unix::fs::symlink(root().join("machines"), path("machines")).expect("a link");
+    let own_srun = "#!/bin/sh\nexec \"$@\"\n";
+    fs::write(path("bin/srun"), own_srun).expect("a file");
+    let executable = std::os::unix::fs::PermissionsExt::from_mode(0o755);
+    fs::set_permissions(path("bin/srun"), executable).expect("its mode");
+    let shell = |program: &str, script: &str, settings: &[(&str, &str)]| {
+        let search = std::env::var("PATH").unwrap_or_default();
+        let done = std::process::Command::new(program)
+            .args(["-c", script])
+            .current_dir(folder.path())
+            .env("PATH", format!("{}:{search}", path("bin").display()))
+            .env("SLURM_SUBMIT_DIR", folder.path())
+            .envs(settings.iter().copied())
+            .output()
+            .expect("a shell");
+        assert!(done.status.success(), "{script}: {done:?}");
+        String::from_utf8_lossy(&done.stdout).into_owned()
+    };
+    let small = |text: &str| text.replace("--seeds 100000", "--seeds 4");
+    let merge = "quadrant-lab bench merge faults-*.jsonl";
+    assert!(page.contains(merge), "{merge}");
+    let is_whole = |said: &str| said.lines().any(|line| line.starts_with("4 seeds: "));
+
+    let (_, slurm) = page
+        .split_once("#!/bin/bash\n")
+        .expect("a script for Slurm");
+    let (slurm, _) = slurm.split_once("```").expect("its end");
+    for part in ["1", "2"] {
+        let settings = [
+            ("SLURM_ARRAY_TASK_ID", part),
+            ("SLURM_ARRAY_TASK_COUNT", "2"),
+            ("SLURM_CPUS_PER_TASK", "1"),
+        ];
+        shell("bash", &small(slurm), &settings);
+    }
+    let said = shell("sh", merge, &[]);
+    assert!(is_whole(&said), "{said}");
+    for part in ["1", "2"] {
+        fs::remove_file(path(&format!("faults-{part}.jsonl"))).expect("its lines");
+    }
+
+    let (_, pod) = page
+        .split_once("            - exec ")
+        .expect("a command for a pod");
+    let (pod, _) = pod.split_once("\n          resources:").expect("its end");
+    let folded: Vec<&str> = pod.lines().map(str::trim).collect();
+    let pod = small(&folded.join(" ")).replace("/16", "/2");
+    let pod = pod.replace("/lines/", &format!("{}/", folder.path().display()));
+    for index in ["0", "1"] {
+        shell(
+            "sh",
+            &format!("exec {pod}"),
+            &[("JOB_COMPLETION_INDEX", index)],
+        );
+    }
+    let said = shell("sh", merge, &[]);
+    assert!(is_whole(&said), "{said}");
 }
 
 #[test]

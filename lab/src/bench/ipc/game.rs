@@ -272,31 +272,33 @@ impl Others<'_> {
 /// What this side sends and receives beside the ring.
 enum Ports {
     None,
-    Samples {
-        _bus: Bus,
-        feedback: Box<Feedback>,
-        out: Writer<Feedback>,
-        commands: Vec<Reader<AxisCommand>>,
-    },
-    Bare(BareMaster),
+    Samples(Box<SamplePorts>),
+    Bare(Box<BareMaster>),
+}
+
+struct SamplePorts {
+    _bus: Bus,
+    feedback: Feedback,
+    out: Writer<Feedback>,
+    commands: Vec<Reader<AxisCommand>>,
 }
 
 impl Ports {
     fn open(place: &CellPaths, game: &Game<'_>) -> anyhow::Result<Ports> {
         match game.ball {
             Ball::Ring | Ball::Pipe => Ok(Ports::None),
-            Ball::Bare => Ok(Ports::Bare(BareMaster::open(place, game.axes)?)),
+            Ball::Bare => Ok(Ports::Bare(Box::new(BareMaster::open(place, game.axes)?))),
             Ball::Sample => {
                 let bus = Bus::enter(place, &shape(game.axes), "ping", false)?;
                 let commands = (0..game.axes)
                     .map(|axis| bus.command_reader(axis, 0, SCAN_DEPTH))
                     .collect::<Result<_, _>>()?;
-                Ok(Ports::Samples {
+                Ok(Ports::Samples(Box::new(SamplePorts {
                     out: bus.feedback_writer()?,
                     commands,
-                    feedback: Box::new(Feedback::zeroed()),
+                    feedback: Feedback::zeroed(),
                     _bus: bus,
-                })
+                })))
             }
         }
     }
@@ -304,10 +306,10 @@ impl Ports {
     fn send(&mut self, scan: u32) {
         match self {
             Ports::None => {}
-            Ports::Samples { feedback, out, .. } => {
-                feedback.scan = scan.into();
-                feedback.visible_from = feedback.scan;
-                out.send(feedback);
+            Ports::Samples(ports) => {
+                ports.feedback.scan = scan.into();
+                ports.feedback.visible_from = ports.feedback.scan;
+                ports.out.send(&ports.feedback);
             }
             Ports::Bare(bare) => bare.send(scan),
         }
@@ -316,7 +318,8 @@ impl Ports {
     fn receive(&mut self) -> anyhow::Result<()> {
         let all_sent = match self {
             Ports::None => true,
-            Ports::Samples { commands, .. } => commands
+            Ports::Samples(ports) => ports
+                .commands
                 .iter_mut()
                 .all(|command| std::hint::black_box(command.any()).is_some()),
             Ports::Bare(bare) => bare.receive(),

@@ -49,8 +49,11 @@ pub(super) fn rows(axes: usize, placement: &str, rows: &[(Ball, &Played)], figur
     let Some(samples) = of(Ball::Sample) else {
         return;
     };
-    let floors = rows.iter().filter(|(ball, _)| *ball != Ball::Sample);
-    for (ball, floor) in floors.clone() {
+    let floors: Vec<_> = rows
+        .iter()
+        .filter(|(ball, _)| *ball != Ball::Sample)
+        .collect();
+    for (ball, floor) in &floors {
         let what = format!("scan, axes: {axes}, {placement}, p50");
         figures.add("ipc", what, samples.us_at(0.5), "µs");
         figures.beside(name(*ball), floor.us_at(0.5));
