@@ -76,12 +76,13 @@ pub fn wakeup(options: &WakeupOptions, figures: &mut Figures) -> Outcome {
                 scratch: scratch.path(),
                 seconds: options.seconds,
             };
-            let (in_cell, beside) = cell.beside_a_loop(&signals).environment()?;
-            all.cell.join(&in_cell).environment()?;
-            all.beside.join(&beside).environment()?;
+            let measured = cell.beside_a_loop(&signals);
             if interrupted() {
                 return Err(Failure::Interrupted);
             }
+            let (in_cell, beside) = measured.environment()?;
+            all.cell.join(&in_cell).environment()?;
+            all.beside.join(&beside).environment()?;
         }
         drop(load);
         all.print(words);

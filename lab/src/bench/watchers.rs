@@ -94,7 +94,7 @@ fn watch(launcher: &mut Child, signals: &Signals) -> anyhow::Result<Watched> {
     let stat = stat.context("/proc says nothing of the launcher")?;
     let of = |who: &str| {
         let its = seen.values().filter(|seen| seen.role == who);
-        its.map(|seen| seen.took_s).sum()
+        its.fold(0.0, |all_s, seen| all_s + seen.took_s)
     };
     Ok(Watched {
         all_s: stat.own_s + stat.children_s,
@@ -120,7 +120,11 @@ fn look(launcher: u32, seen: &mut BTreeMap<u32, Seen>) {
         let watches = WATCHERS.contains(&role.as_str());
         let took_s = watches.then(|| processor_time::of_living_threads_s(pid));
         let took_s = took_s.flatten().unwrap_or(0.0);
-        let its = seen.entry(pid).or_insert(Seen { role, took_s });
+        let its = seen.entry(pid).or_insert(Seen {
+            role: String::new(),
+            took_s,
+        });
+        its.role = role;
         // Threads that have ended are in it no more.
         its.took_s = its.took_s.max(took_s);
     }
