@@ -83,7 +83,7 @@ impl Campaign {
 
 /// A number with six digits behind the point, which JSON keeps to the bit.
 pub(crate) fn to_keep(number: f64) -> f64 {
-    (number * 1e6).round() * 1e-6
+    (number * 1e6).round() / 1e6
 }
 
 #[cfg(test)]
