@@ -232,9 +232,9 @@ pub struct Group {
     cell: Ownership,
 }
 
-/// The processors of a lockstep cell: that of the master, which waits awake for the answers, and that of those who answer, who
-/// hand over to each other there, and that of the recorder: where there are two, it works while the master waits. Cells spread over
-/// the processors by the launcher's process id.
+/// The processors of a lockstep cell: that of the master and the planner, which works while the master waits; that of the servos, which
+/// hand over to each other there; and that of the recorder, the master's where there are two. Cells spread over the processors by the
+/// launcher's process id.
 fn lockstep_cores(pace: Pace) -> Option<[usize; 3]> {
     if pace != Pace::Lockstep {
         return None;
@@ -383,7 +383,7 @@ impl Group {
         }
         if let Some([of_master, of_answers, of_recorder]) = self.cores {
             let core = match role.process.job {
-                Job::Master => of_master,
+                Job::Master | Job::Planner => of_master,
                 Job::Monitor => of_recorder,
                 _ => of_answers,
             };
