@@ -283,7 +283,8 @@ fn a_hold_on_the_way_back_a_second_jog_and_a_jog_before_the_start_still_end_at_t
 
 #[test]
 fn in_torque_mode_jog_and_resume_work_the_same() {
-    let bench = Bench::of("xy-torque", &[]);
+    let standby = "drive_mode = \"torque\"\nstandby = true";
+    let bench = Bench::of("xy-torque", &[("drive_mode = \"torque\"", standby)]);
     let program = bench.file("circle.ngc", &circle_program(25.0, 3000.0, (0.0, 0.0), 0.0));
     let scans_per_ms = 4;
     let list: Vec<(u64, &str, &str)> = JOG

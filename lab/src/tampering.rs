@@ -142,6 +142,7 @@ impl Tampering {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use bus::sample::{MAX_AXES, SERVO_STATE_WORDS};
     use bytemuck::Zeroable;
 
     fn each<T: Sample>(kind: Kind, sample: &T) {
@@ -172,9 +173,18 @@ mod tests {
 
     #[test]
     fn damage_behind_a_checksum_is_found_in_every_number_of_every_sample() {
-        each(Kind::Feedback, &Feedback::zeroed());
+        // What is not in use is not sent.
+        let feedback = Feedback {
+            axis_count: MAX_AXES as u32,
+            ..Feedback::zeroed()
+        };
+        each(Kind::Feedback, &feedback);
         each(Kind::Roster, &Roster::zeroed());
-        each(Kind::Command, &AxisCommand::zeroed());
+        let command = AxisCommand {
+            state_words: SERVO_STATE_WORDS as u32,
+            ..AxisCommand::zeroed()
+        };
+        each(Kind::Command, &command);
         each(Kind::Status, &PlannerStatus::zeroed());
     }
 

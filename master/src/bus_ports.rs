@@ -524,7 +524,6 @@ impl MasterPorts for BusPorts {
     fn read_roster(&mut self) {
         if let Some(roster) = self.ports.roster.newest(u64::MAX) {
             let before = self.recorder_incarnation();
-            if roster.version != self.roster.version {}
             self.roster = roster;
             // Another recorder than the one that stalled is worth waiting for again.
             self.recorder_dropped &= self.recorder_incarnation() == before;
