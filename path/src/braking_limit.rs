@@ -188,7 +188,7 @@ struct Begin {
 /// Follows backward the motion that comes to rest on a stretch, so many mm from its beginning.
 fn begin_of(stretches: &[Stretch], rest: (usize, f64), braking_time_s: f64) -> Begin {
     let (mut index, mut length_mm) = rest;
-    let (mut squared, mut left_s) = (0.0f64, braking_time_s);
+    let (mut squared, mut end_mm_s, mut left_s) = (0.0f64, 0.0f64, braking_time_s);
     let nowhere = |stretch, is_over| Begin {
         stretch,
         speed_mm_s: None,
@@ -199,7 +199,7 @@ fn begin_of(stretches: &[Stretch], rest: (usize, f64), braking_time_s: f64) -> B
             return nowhere(index, false);
         };
         let begin = stretch.acceleration.reached_mm2_s2(squared, length_mm);
-        let (end_mm_s, begin_mm_s) = (squared.sqrt(), begin.sqrt());
+        let begin_mm_s = begin.sqrt();
         let time_s = 2.0 * length_mm / (begin_mm_s + end_mm_s);
         if time_s >= left_s {
             let speed_mm_s = end_mm_s + stretch.acceleration.at_mm_s2(begin) * left_s;
@@ -217,7 +217,8 @@ fn begin_of(stretches: &[Stretch], rest: (usize, f64), braking_time_s: f64) -> B
         else {
             return nowhere(index, is_over);
         };
-        (squared, left_s, index) = (begin, left_s - time_s, before);
+        (squared, end_mm_s) = (begin, begin_mm_s);
+        (left_s, index) = (left_s - time_s, before);
         length_mm = stretches.get(before).map_or(0.0, |of| of.length_mm);
     }
 }

@@ -316,8 +316,8 @@ impl Element {
         self.shape.at_share(distance_mm / self.length_mm)
     }
 
-    fn added(&self, correction: &Correction, distance_mm: f64) -> [AxisVector; 3] {
-        correction.at(distance_mm.clamp(0.0, self.length_mm))
+    fn added(&self, correction: &Correction, distance_mm: f64) -> [AxisVector; 2] {
+        correction.slopes_at(distance_mm.clamp(0.0, self.length_mm))
     }
 
     /// Derivative of the point with respect to the distance: a unit vector where only slides move and nothing is rounded. Beyond the
@@ -325,7 +325,7 @@ impl Element {
     pub fn tangent(&self, distance_mm: f64) -> AxisVector {
         let programmed = self.shape.tangent(distance_mm, self.length_mm);
         match &self.rounding {
-            Some(correction) => programmed + self.added(correction, distance_mm)[1],
+            Some(correction) => programmed + self.added(correction, distance_mm)[0],
             None => programmed,
         }
     }
@@ -335,7 +335,7 @@ impl Element {
     pub fn curvature_per_mm(&self, distance_mm: f64) -> AxisVector {
         let programmed = self.shape.curvature_per_mm(distance_mm, self.length_mm);
         match &self.rounding {
-            Some(correction) => programmed + self.added(correction, distance_mm)[2],
+            Some(correction) => programmed + self.added(correction, distance_mm)[1],
             None => programmed,
         }
     }

@@ -11,6 +11,7 @@ use crate::limits::MotionLimits;
 use crate::rounding::{self, Junctions, REACH_ELEMENTS};
 use crate::segment::MapError;
 use crate::sharing::{LaidPiece, PlanLimits, Sharing};
+use crate::speed_map::BLOCK_ELEMENTS;
 
 /// Gap between elements that the rounding allowance of the limits covers, in increments.
 const GAP_INCREMENTS_MAX: f64 = 0.25;
@@ -149,7 +150,9 @@ impl PathPart {
         let to = if self.complete {
             self.end()
         } else {
-            self.end().saturating_sub(REACH_ELEMENTS).max(self.ready)
+            let known = self.end().saturating_sub(REACH_ELEMENTS);
+            // A block at a time: what is looked at to either side is looked at once for all of it.
+            (known - known % BLOCK_ELEMENTS).max(self.ready)
         };
         let from = self.ready;
         self.ready = to;
@@ -165,9 +168,9 @@ impl PathPart {
         if !self.laid.range(begin..end).any(may_be_rounded) {
             return self.junctions.forget_before(to);
         }
-        let corrections =
-            self.junctions
-                .corrections(from..to, self.length_mm, &self.limits.setpoints().rounding);
+        let corrections = self
+            .junctions
+            .corrections(from..to, &self.limits.setpoints().rounding);
         for (laid, correction) in self.laid.range_mut(begin..end).zip(corrections) {
             if let Some(correction) = correction {
                 laid.element.rounding = Some(Arc::new(correction));

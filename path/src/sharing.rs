@@ -88,7 +88,7 @@ impl Sharing {
             _ => 0.0,
         };
         let at = |distance_mm: f64| {
-            let [_, first, second] = cubic.at(distance_mm);
+            let [first, second] = cubic.slopes_at(distance_mm);
             let shape = &element.shape;
             (
                 shape.tangent(distance_mm, element.length_mm) + first,
@@ -315,8 +315,8 @@ impl LaidPiece {
             let length_mm = end_mm - cubic.from_mm;
             let is_changed = cubic.derivatives.iter().any(|of| of.amax() > 0.0);
             let cuts = if is_changed {
-                let [_, _, begin] = cubic.at(cubic.from_mm);
-                let [_, _, end] = cubic.at(end_mm);
+                let [_, begin] = cubic.slopes_at(cubic.from_mm);
+                let [_, end] = cubic.slopes_at(end_mm);
                 let highest = begin.amax().max(end.amax());
                 let change = (end - begin).amax();
                 (libm::ceil(change / (CURVATURE_STEP * highest)) as usize).clamp(1, CUTS_MAX)

@@ -419,7 +419,7 @@ struct Cell {
 /// side must be given as far as their zones reach, or the path begins and ends there.
 pub(crate) fn spread(
     placed: &[Placed],
-    sources: &[Source],
+    sources: &[&Source],
     own: std::ops::Range<usize>,
     reach_s: f64,
     override_max: f64,
@@ -427,7 +427,7 @@ pub(crate) fn spread(
     let mut segments = Vec::with_capacity(2 * placed.len());
     let mut from = 0;
     while from < sources.len() {
-        let rests = |pair: &[Source]| match pair {
+        let rests = |pair: &[&Source]| match pair {
             [before, after] => rests_between(&before.last, &after.first),
             _ => true,
         };
@@ -455,9 +455,20 @@ fn rests_between(before: &Segment, after: &Segment) -> bool {
     before.is_dwell || after.is_dwell || before.rests_before(after)
 }
 
+/// [`slice::partition_point`] where it is near one that is known.
+fn partition_near<T>(mut at: usize, all: &[T], is_before: impl Fn(&T) -> bool) -> usize {
+    while all.get(at).is_some_and(&is_before) {
+        at += 1;
+    }
+    while all.get(at.wrapping_sub(1)).is_some_and(|of| !is_before(of)) {
+        at -= 1;
+    }
+    at
+}
+
 /// Segments with no rest between them.
 struct Run<'a> {
-    sources: &'a [Source],
+    sources: &'a [&'a Source],
     own: &'a [Placed],
     reach_s: f64,
     override_max: f64,
@@ -470,9 +481,11 @@ impl Run<'_> {
         }
         let cells = self.cells();
         let mut lowered = Lowered::new(cells.len());
+        let (mut first, mut end) = (0, 0);
         for of in self.sources {
-            let first = cells.partition_point(|cell| cell.to_mm <= of.begin_mm - of.reach_mm);
-            let end = cells.partition_point(|cell| cell.from_mm < of.end_mm + of.reach_mm);
+            let (begins_mm, ends_mm) = (of.begin_mm - of.reach_mm, of.end_mm + of.reach_mm);
+            first = partition_near(first, &cells, |cell| cell.to_mm <= begins_mm);
+            end = partition_near(end, &cells, |cell| cell.from_mm < ends_mm);
             lowered.lower(first..end.max(first), &of.limits);
         }
         for (cell, limits) in cells.iter().zip(lowered.leaves()) {
@@ -508,18 +521,19 @@ impl Run<'_> {
         let own = self.own;
         let mut cuts_mm: Vec<f64> = Vec::new();
         let lowers = |of: &Source, on: &Placed| of.limits.lowers(&on.limits(self.override_max));
+        let (mut first, mut last) = (0, 0);
         for of in self.sources {
             let grain_mm = GRAIN * of.reach_mm;
             let begins_mm = of.begin_mm - of.reach_mm;
-            let index = own.partition_point(|on| on.end_mm() <= begins_mm);
-            let on = own.get(index);
+            first = partition_near(first, own, |on| on.end_mm() <= begins_mm);
+            let on = own.get(first);
             let cuts = |on: &&Placed| {
                 begins_mm - on.begin_mm() > grain_mm && begins_mm < on.end_mm() && lowers(of, on)
             };
             cuts_mm.extend(on.filter(cuts).map(|_| begins_mm));
             let ends_mm = of.end_mm + of.reach_mm;
-            let index = own.partition_point(|on| on.end_mm() < ends_mm);
-            let on = own.get(index);
+            last = partition_near(last, own, |on| on.end_mm() < ends_mm);
+            let on = own.get(last);
             let cuts = |on: &&Placed| {
                 on.end_mm() - ends_mm > grain_mm && ends_mm > on.begin_mm() && lowers(of, on)
             };

@@ -272,7 +272,7 @@ impl SpeedMap {
         };
         let own = self.behind.len()..self.behind.len() + block.sources.len();
         let ahead = self.laid.iter().take(count).flat_map(|of| &of.sources);
-        let sources: Vec<Source> = self.behind.iter().chain(ahead).cloned().collect();
+        let sources: Vec<&Source> = self.behind.iter().chain(ahead).collect();
         let segments = smoothing::spread(
             &block.placed,
             &sources,
@@ -282,9 +282,9 @@ impl SpeedMap {
         );
         let (end, end_mm) = (block.end, block.end_mm);
         let first = end.saturating_sub(ZONE_BLOCKS * BLOCK_ELEMENTS);
-        let is_over = |of: &&Source| of.reaches_to_mm() < end_mm || of.last_element() < first;
+        let is_over = |of: &&&Source| of.reaches_to_mm() < end_mm || of.last_element() < first;
         let behind = sources.iter().take(own.end).skip_while(is_over);
-        self.behind = behind.cloned().collect();
+        self.behind = behind.copied().cloned().collect();
         self.blocks.push_back(Block {
             end,
             end_mm,

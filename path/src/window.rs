@@ -360,7 +360,7 @@ impl WindowPlanner {
                 setpoints.push(setpoint_at(&self.part, &lead, &Lead::at(&self.part, &lead)));
             } else {
                 scans.traveller.go(&mut self.envelope);
-                setpoints.push(scans.follow());
+                scans.follow(setpoints);
             }
             let traveller = &scans.traveller;
             ends_program =
@@ -508,9 +508,9 @@ struct Scans<'a> {
 }
 
 impl Scans<'_> {
-    /// The setpoint of the tool, which follows what the traveller has done in a scan.
+    /// Adds the setpoint of the tool, which follows what the traveller has done in a scan; its position.
     #[inline]
-    fn follow(&mut self) -> PlannedSetpoint {
+    fn follow(&mut self, setpoints: &mut Vec<PlannedSetpoint>) -> [i64; MAX_AXES] {
         let state = self.traveller.state;
         self.lead.go_to(self.part, state.element);
         let start_mm = self.lead.laid.map(|laid| laid.start_mm);
@@ -528,11 +528,13 @@ impl Scans<'_> {
         let limits = self.part.limits();
         let increments = |laid: &Laid| limits.setpoint(&laid.element, state.distance_mm);
         self.before = state;
-        PlannedSetpoint {
-            position_increments: self.tool.laid.map_or([0; MAX_AXES], increments),
+        let position_increments = self.tool.laid.map_or([0; MAX_AXES], increments);
+        setpoints.push(PlannedSetpoint {
+            position_increments,
             state,
             lead,
-        }
+        });
+        position_increments
     }
 
     /// Where the tool is, at the average of the trail, on its way from the state before to the lead.
@@ -600,15 +602,11 @@ impl Scans<'_> {
             if self.traveller.ran_short() {
                 return Err(PlanError::NotAtHand);
             }
-            let setpoint = self.follow();
-            setpoints.push(setpoint);
-            if self.traveller.state.is_at_rest()
-                && self.trail.is_settled()
-                && setpoint.position_increments == before
-            {
+            let after = self.follow(setpoints);
+            if self.traveller.state.is_at_rest() && self.trail.is_settled() && after == before {
                 return Ok(());
             }
-            before = setpoint.position_increments;
+            before = after;
         }
         Err(PlanError::DoesNotStop {
             element,

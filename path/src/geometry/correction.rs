@@ -21,15 +21,11 @@ impl<const AXES: usize> CubicPiece<AXES> {
         value + (first + (second + third * (y / 3.0)) * (y / 2.0)) * y
     }
 
-    /// The same, and the first and second derivative of it.
-    pub fn at(&self, distance_mm: f64) -> [SVector<f64, AXES>; 3] {
+    /// The first and second derivative of that.
+    pub fn slopes_at(&self, distance_mm: f64) -> [SVector<f64, AXES>; 2] {
         let [_, first, second, third] = &self.derivatives;
         let y = distance_mm - self.from_mm;
-        [
-            self.value_at(distance_mm),
-            first + (second + third * (y / 2.0)) * y,
-            second + third * y,
-        ]
+        [first + (second + third * (y / 2.0)) * y, second + third * y]
     }
 }
 
@@ -45,10 +41,10 @@ impl Correction {
         &self.pieces
     }
 
-    /// What is added at a distance on the element, and the first and second derivative of that.
-    pub fn at(&self, distance_mm: f64) -> [AxisVector; 3] {
+    /// The first and second derivative of what is added at a distance on the element.
+    pub fn slopes_at(&self, distance_mm: f64) -> [AxisVector; 2] {
         let piece = self.piece_at(distance_mm);
-        piece.map_or([AxisVector::zeros(); 3], |piece| piece.at(distance_mm))
+        piece.map_or([AxisVector::zeros(); 2], |of| of.slopes_at(distance_mm))
     }
 
     /// What is added at a distance on the element.

@@ -174,7 +174,8 @@ impl<const AXES: usize> Cubics<AXES> {
             let at_mm = knot.at_mm - from;
             if at_mm > piece.from_mm {
                 self.pieces.push(piece);
-                let [value, first, second] = piece.at(at_mm);
+                let value = piece.value_at(at_mm);
+                let [first, second] = piece.slopes_at(at_mm);
                 let [.., third] = piece.derivatives;
                 piece = CubicPiece {
                     from_mm: at_mm,

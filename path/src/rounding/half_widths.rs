@@ -13,7 +13,7 @@ pub(crate) const NEIGHBOURS: usize = 16;
 const ROUNDS: usize = 3;
 /// Junctions to either side that have a part in the width of one: its own reach, and in each round that of the sums it has a part in
 /// and of their parts.
-pub(super) const REACH_JUNCTIONS: usize = NEIGHBOURS + 2 * NEIGHBOURS * (ROUNDS + 1);
+pub(crate) const REACH_JUNCTIONS: usize = NEIGHBOURS + 2 * NEIGHBOURS * (ROUNDS + 1);
 
 /// The widest correction, in mm: more than any tolerance of cutting asks for.
 const HALF_WIDTH_MAX_MM: f64 = 5.0;
@@ -37,15 +37,11 @@ pub(super) fn of_junctions_mm(junctions: &[Junction]) -> Vec<f64> {
         .map(|index| 1.0 - taken(junctions, index))
         .collect();
     let mut excesses = vec![0.0; count];
+    // All rounds, also where none is needed: which junctions are looked at together must not matter.
     for round in 0..=ROUNDS {
         add_deviations(&mut corrections, &places_mm, &mut excesses);
-        let mut highest = 0.0f64;
         for (excess, left) in excesses.iter_mut().zip(&left) {
             *excess /= left;
-            highest = highest.max(*excess);
-        }
-        if highest <= 1.0 + NEGLIGIBLE_EXCESS {
-            break;
         }
         for width in &mut corrections {
             let by = worst(&excesses, width, &places_mm);

@@ -6,10 +6,13 @@ use crate::geometry::{Correction, Element, MAX_AXES};
 
 use super::correction::{Cubics, Round};
 use super::evening::{self, FITTED};
-use super::{Junction, REACH_ELEMENTS, RoundingSettings, half_widths, of_all};
+use super::{Junction, NEIGHBOURS, REACH_ELEMENTS, RoundingSettings, half_widths, of_all};
 
 /// Junctions that are let go of together.
 const GONE_TOGETHER: usize = 1024;
+
+/// Junctions to either side whose widths and their own neighbours have a part in the correction of an element.
+const WIDTHS: usize = half_widths::REACH_JUNCTIONS + NEIGHBOURS;
 
 /// The junctions before elements one behind the other.
 #[derive(Debug, Clone, PartialEq)]
@@ -67,38 +70,33 @@ impl Junctions {
         }
     }
 
-    /// The corrections of the elements `wanted`, where the path goes on to `to_mm`; none where it stays as it is.
+    /// The corrections of the elements `wanted`; none where the path stays as it is.
     ///
     /// All that are known, [`REACH_ELEMENTS`] before them and behind them, must be there, or the path begins and ends there.
     pub fn corrections(
         &mut self,
         wanted: Range<u32>,
-        to_mm: f64,
         settings: &RoundingSettings,
     ) -> Vec<Option<Correction>> {
         match self.axis_count {
-            0..=2 => self.corrections_of::<2>(wanted, to_mm, settings),
-            3..=4 => self.corrections_of::<4>(wanted, to_mm, settings),
-            _ => self.corrections_of::<MAX_AXES>(wanted, to_mm, settings),
+            0..=2 => self.corrections_of::<2>(wanted, settings),
+            3..=4 => self.corrections_of::<4>(wanted, settings),
+            _ => self.corrections_of::<MAX_AXES>(wanted, settings),
         }
     }
 
     fn corrections_of<const AXES: usize>(
         &mut self,
         wanted: Range<u32>,
-        to_mm: f64,
         settings: &RoundingSettings,
     ) -> Vec<Option<Correction>> {
         self.even_out::<AXES>(settings);
         self.weigh::<AXES>(settings);
         let index = |element: u32| element.saturating_sub(self.first) as usize;
-        let reach = REACH_ELEMENTS as usize;
-        let from = index(wanted.start).saturating_sub(reach);
-        let mut near = self.known.get(from..).unwrap_or_default().to_vec();
-        if !self.is_ended {
-            near.push(Junction::exact(to_mm));
-        }
-        let half_widths_mm = half_widths::of_junctions_mm(&near);
+        let from = index(wanted.start).saturating_sub(WIDTHS);
+        let to = (index(wanted.end) + WIDTHS + 1).min(self.known.len());
+        let near = self.known.get(from..to).unwrap_or_default();
+        let half_widths_mm = half_widths::of_junctions_mm(near);
         let round = near.iter().zip(half_widths_mm);
         let round: Vec<Round<AXES>> = round.map(|(of, half)| Round::of(of, half)).collect();
         let mut cubics = Cubics::new();

@@ -48,7 +48,7 @@ fn corrections<'a>(
     if let Some(last) = before {
         junctions.end(last, at_mm);
     }
-    junctions.corrections(wanted.start as u32..wanted.end as u32, at_mm, settings)
+    junctions.corrections(wanted.start as u32..wanted.end as u32, settings)
 }
 
 /// The elements with their corrections.
@@ -91,7 +91,11 @@ fn worst_jump(elements: &[Element]) -> f64 {
             continue;
         };
         for (before, after) in correction.pieces().iter().zip(&correction.pieces()[1..]) {
-            take(before.at(after.from_mm), after.at(after.from_mm));
+            let [before, after] = [before, after].map(|of| {
+                let [first, second] = of.slopes_at(after.from_mm);
+                [of.value_at(after.from_mm), first, second]
+            });
+            take(before, after);
         }
     }
     let of = |element: &Element, mm: f64| {
@@ -242,7 +246,7 @@ fn rotary_axes_keep_a_tolerance_of_their_own() {
     let [_, rotary_deg] = [0, 1].map(|axis| {
         let added = corrections[0]
             .as_ref()
-            .map(|of| of.at(5.0)[0])
+            .map(|of| of.value_at(5.0))
             .unwrap_or_default();
         added[axis]
     });
