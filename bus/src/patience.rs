@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use rustix::thread::sched_yield;
 
 /// Waits without a try after failures in a row: two to the power of them, at most this.
-const FAILURES_MAX: u32 = 6;
+const FAILURES_MAX: u32 = 10;
 
 /// Waiting awake, as long as it helps: at each look the processor is left to whoever else can use it. Where somebody keeps it for
 /// long, a process that sleeps has it back sooner; so a wait that fails again and again is hardly tried any more.
@@ -81,9 +81,9 @@ mod tests {
 
     #[test]
     fn what_never_comes_is_hardly_waited_for() {
-        // After each failure twice as many waits go by without a try, up to 63.
-        assert_eq!(tries_in_vain(Duration::from_nanos(1), 2 * 64), 6 + 1);
-        assert_eq!(tries_in_vain(Duration::from_nanos(1), 10 * 64), 6 + 9);
+        // After each failure twice as many waits go by without a try, up to 1023.
+        assert_eq!(tries_in_vain(Duration::from_nanos(1), 2 * 1024), 10 + 1);
+        assert_eq!(tries_in_vain(Duration::from_nanos(1), 10 * 1024), 10 + 9);
     }
 
     #[test]
