@@ -113,18 +113,21 @@ pub(crate) struct Rings {
 impl Rings {
     /// One more; whether somebody sleeps who is to be woken.
     pub fn raise(&self) -> bool {
-        self.count.fetch_add(1, Ordering::SeqCst);
-        self.sleepers.load(Ordering::SeqCst) > 0
+        self.count.fetch_add(1, Ordering::Release);
+        // Who falls asleep finds this ring, or is found here.
+        fence(Ordering::SeqCst);
+        self.sleepers.load(Ordering::Relaxed) > 0
     }
 
     /// Before the caller sleeps, if the count is still what it has seen.
     pub fn sleep(&self) {
-        self.sleepers.fetch_add(1, Ordering::SeqCst);
+        self.sleepers.fetch_add(1, Ordering::Relaxed);
+        fence(Ordering::SeqCst);
     }
 
     /// After it.
     pub fn rise(&self) {
-        self.sleepers.fetch_sub(1, Ordering::SeqCst);
+        self.sleepers.fetch_sub(1, Ordering::Relaxed);
     }
 }
 

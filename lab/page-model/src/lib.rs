@@ -416,7 +416,7 @@ fn nobody_sleeps_through_a_signal() {
             thread::spawn(move || {
                 rings.sleep();
                 // As the kernel does: nobody falls asleep over a count that has changed.
-                rings.count.load(Ordering::SeqCst) == 0
+                rings.count.load(Ordering::Acquire) == 0
             })
         };
         let is_woken = rings.raise();
