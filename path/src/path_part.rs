@@ -11,8 +11,9 @@ use crate::limits::MotionLimits;
 use crate::rounding::{self, Junctions, REACH_ELEMENTS};
 use crate::segment::MapError;
 use crate::sharing::{LaidPiece, PlanLimits, Sharing};
-use crate::speed_map::BLOCK_ELEMENTS;
 
+/// Elements of a block.
+pub const BLOCK_ELEMENTS: u32 = 1024;
 /// Gap between elements that the rounding allowance of the limits covers, in increments.
 const GAP_INCREMENTS_MAX: f64 = 0.25;
 

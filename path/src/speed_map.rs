@@ -40,6 +40,7 @@ use crate::braking_limit::limit_by_braking;
 use crate::course::{Course, margin_mm};
 use crate::geometry::Path;
 use crate::limits::MotionLimits;
+pub use crate::path_part::BLOCK_ELEMENTS;
 use crate::path_part::{Laid, PathPart};
 use crate::positioning::{Move, Positioning, Profile, rapids};
 use crate::rounding::REACH_ELEMENTS;
@@ -47,8 +48,6 @@ pub use crate::segment::MapError;
 use crate::segment::Segment;
 use crate::smoothing::{self, Placed, Source};
 
-/// Elements of a block.
-pub const BLOCK_ELEMENTS: u32 = 1024;
 /// The most elements to either side that are looked at for zones that reach into a block: chords of less than a thousandth of the way of a
 /// scan are not told from smooth curves.
 pub const MARGIN_ELEMENTS: u32 = 4096;
