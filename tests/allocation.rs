@@ -196,7 +196,6 @@ fn enter(paths: &CellPaths, folder: &Path, machine: &Machine, index: usize, who:
         launcher: std::process::id(),
         pace: Pace::Lockstep,
         core: None,
-        avoid_core: None,
         after_scan: None,
     };
     Member::enter(slot, who, &machine.shape()).expect("a member")

@@ -63,8 +63,6 @@ pub struct Slot {
     pub pace: Pace,
     /// Processor to stay on.
     pub core: Option<usize>,
-    /// Processor to keep off, where there is another.
-    pub avoid_core: Option<usize>,
     /// The last scan that is not its business: until then the process it replaces, or nobody, had its slot.
     pub after_scan: Option<u64>,
 }
@@ -103,7 +101,8 @@ pub struct Member {
 
 /// Without any feedback for this long after the launcher's death, a member leaves.
 pub const ORPHAN_PATIENCE: Duration = Duration::from_millis(500);
-/// The longest wait awake in lockstep: most scans take less.
+/// The longest wait awake in lockstep: most scans take less. Who waits for longer, as the planner for its next period, soon sleeps at
+/// once (`Patience`).
 const AWAKE: Duration = Duration::from_micros(100);
 /// The longest wait without looking whether the cell still exists.
 const LOOK_AROUND: Duration = Duration::from_millis(100);
@@ -161,9 +160,6 @@ impl Member {
         if let Some(core) = self.slot.core {
             realtime::stay_on(core);
         }
-        if let Some(core) = self.slot.avoid_core {
-            realtime::keep_off(core);
-        }
         if self.slot.pace == Pace::Realtime {
             // What is refused here was published once by the launcher, for all.
             let _ = realtime::raise(priority);
@@ -194,9 +190,11 @@ impl Member {
         self.page.phase() == CellPhase::Ending
     }
 
-    /// Waits awake at `signal`, in lockstep, for what comes within a scan; whether the count is no longer `seen`.
-    pub fn wait_awake(&self, signal: &Signal, seen: u32) -> bool {
-        self.patience.try_for(|| signal.count() != seen)
+    /// Waits until the count of `signal` is no longer `seen`, at most `limit`: in lockstep awake at first. May return early.
+    pub fn wait(&self, signal: &Signal, seen: u32, limit: Duration) {
+        if !self.patience.try_for(|| signal.count() != seen) {
+            signal.wait(seen, limit);
+        }
     }
 
     /// Waits at `signal` for the newest feedback beyond `after`; `None` when it is time to leave.
@@ -206,7 +204,6 @@ impl Member {
         reader: &mut Reader<Feedback>,
         after: Option<u64>,
     ) -> Option<Held<Feedback>> {
-        let is_of_every_scan = std::ptr::eq(signal, self.page.scan_signal());
         let mut alone_since: Option<Instant> = None;
         loop {
             let seen = signal.count();
@@ -218,10 +215,7 @@ impl Member {
             if self.ending() {
                 return None;
             }
-            if is_of_every_scan && self.wait_awake(signal, seen) {
-                continue;
-            }
-            signal.wait(seen, LOOK_AROUND);
+            self.wait(signal, seen, LOOK_AROUND);
             if signal.count() == seen && !self.launcher_lives() {
                 let since = alone_since.get_or_insert_with(Instant::now);
                 if since.elapsed() > ORPHAN_PATIENCE {

@@ -9,8 +9,8 @@ use rustix::thread::sched_yield;
 /// Waits without a try after failures in a row: two to the power of them, at most this.
 const FAILURES_MAX: u32 = 10;
 
-/// Waiting awake, as long as it helps: at each look the processor is left to whoever else can use it. Where somebody keeps it for
-/// long, a process that sleeps has it back sooner; so a wait that fails again and again is hardly tried any more.
+/// Waiting awake, as long as it helps: at each look a process leaves its processor to others. Where another process keeps it for
+/// long, one that sleeps has it back sooner; so a wait that fails again and again is hardly tried any more.
 #[derive(Debug)]
 pub struct Patience {
     limit: Duration,

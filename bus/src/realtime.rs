@@ -106,14 +106,6 @@ pub fn stay_on_all(cores: &[usize]) {
     let _ = sched_setaffinity(None, &set);
 }
 
-/// Keeps the calling thread off one processor; without effect where there is no other.
-pub fn keep_off(core: usize) {
-    let others: Vec<usize> = processors().into_iter().filter(|&c| c != core).collect();
-    if !others.is_empty() {
-        stay_on_all(&others);
-    }
-}
-
 /// The monotonic clock in ns.
 pub fn now_ns() -> u64 {
     let now = clock_gettime(rustix::time::ClockId::Monotonic);

@@ -47,9 +47,6 @@ pub struct SlotOptions {
     /// Processor to stay on
     #[arg(long)]
     pub core: Option<usize>,
-    /// Processor to keep off, where there is another
-    #[arg(long)]
-    pub avoid_core: Option<usize>,
     /// Scans up to this one are none of its business: it replaces a process that was lost
     #[arg(long)]
     pub after_scan: Option<u64>,
@@ -66,7 +63,6 @@ impl SlotOptions {
             launcher: self.launcher,
             pace: self.pace.parse().unwrap_or(Pace::Lockstep),
             core: self.core,
-            avoid_core: self.avoid_core,
             after_scan: self.after_scan,
         }
     }

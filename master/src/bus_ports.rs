@@ -334,9 +334,7 @@ impl BusPorts {
         // Nearly always the last to answer has rung or will, and all answers are there after one wait.
         if let Some(seen) = self.seen_before_waking {
             let signal = self.member.page.master_signal();
-            if !self.member.wait_awake(signal, seen) {
-                signal.wait(seen, WAIT_STEP);
-            }
+            self.member.wait(signal, seen, WAIT_STEP);
         }
         let mut late_since: Option<Instant> = None;
         loop {
