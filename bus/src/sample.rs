@@ -491,7 +491,7 @@ pub struct Feedback {
     pub inputs: Inputs,
     /// Per axis.
     pub axes: [AxisFeedback; MAX_AXES],
-    /// Of all that stands before it (XXH3-64); written when it is sent, checked by every reader.
+    /// Of all that stands before it and is in use (XXH3-64); written when it is sent, checked by every reader.
     pub checksum: u64,
 }
 table!(
@@ -590,15 +590,18 @@ pub struct AxisCommand {
     pub ahead_scans: u32,
     /// Words of the state that are in use.
     pub state_words: u32,
-    /// The servo's state after this scan, in every scan of an axis with a standby, else every [`STATE_EVERY_SCANS`], as the servo lays it out: for the axis's other servo, which goes on from it to the
-    /// bit. Nobody else can read it; what others need has a field of its own.
+    /// The servo's state after this scan, as the servo lays it out: for the axis's other servo, which goes on from it to the bit. Nobody
+    /// else can read it; what others need has a field of its own. Without a standby it is there in one scan of
+    /// [`STATE_EVERY_SCANS`].
     pub state: [u64; SERVO_STATE_WORDS],
-    /// Of all that stands before it (XXH3-64); written when it is sent, checked by every reader.
+    /// Of all that stands before it and is in use (XXH3-64); written when it is sent, checked by every reader.
     pub checksum: u64,
 }
 table!(
     AxisCommand: scan, visible_from, position, velocity_mm_s, torque_nm, feed_forward_mm_s, following_error_mm,
-    stop_deceleration_mm_s2, compensation_mm, friction_pulse_mm_s, torque_feed_forward_nm, torque_cut_nm, friction_level, friction_unexplained, held, pending, refused, tag, axis, role, incarnation, drive_mode, cause, hand, ahead_scans, state_words, state, checksum,
+    stop_deceleration_mm_s2, compensation_mm, friction_pulse_mm_s, torque_feed_forward_nm, torque_cut_nm,
+    friction_level, friction_unexplained, held, pending, refused, tag, axis, role, incarnation, drive_mode, cause,
+    hand, ahead_scans, state_words, state, checksum,
 );
 
 impl AxisCommand {
@@ -662,7 +665,7 @@ pub struct PlannerStatus {
     pub event: ProgramEvent,
     /// The next outputs to be set in motion, each in the scan in which its element begins; number 0 for none.
     pub outputs_ahead: [ProgramEvent; OUTPUTS_AHEAD],
-    /// Of all that stands before it (XXH3-64); written when it is sent, checked by every reader.
+    /// Of all that stands before it and is in use (XXH3-64); written when it is sent, checked by every reader.
     pub checksum: u64,
 }
 table!(
@@ -728,7 +731,7 @@ pub struct Roster {
     pub visible_from: u64,
     /// The processes.
     pub participants: [Participant; MAX_PARTICIPANTS],
-    /// Of all that stands before it (XXH3-64); written when it is sent, checked by every reader.
+    /// Of all that stands before it and is in use (XXH3-64); written when it is sent, checked by every reader.
     pub checksum: u64,
 }
 table!(Roster: version, visible_from, participants, checksum);

@@ -106,7 +106,7 @@ impl<const WORDS: usize, const KEPT: usize> Urgent<WORDS, KEPT> {
 pub(crate) struct Rings {
     /// Times it was raised: the word that sleepers sleep at.
     pub count: AtomicU32,
-    /// Those who sleep, at least: one that is killed in its sleep stays counted, and costs the others a system call.
+    /// Sleeping processes, at least: one that is killed in its sleep stays counted, and costs the others a system call.
     sleepers: AtomicU32,
 }
 
