@@ -11,6 +11,7 @@ pub mod least_time;
 pub mod linuxcnc;
 pub mod liveness;
 pub mod options;
+pub(crate) mod processor_time;
 pub mod promises;
 pub mod reading;
 pub mod recording;

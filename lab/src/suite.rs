@@ -14,6 +14,8 @@ use clap::Args;
 use console::exit::{Failure, Kind, Outcome};
 use serde_json::Value;
 
+use crate::processor_time;
+
 /// Number of the longest modules and tests that are shown.
 const SHOWN: usize = 20;
 /// A test that took longer is told of as soon as it is over.
@@ -155,15 +157,9 @@ fn ended(line: &str) -> Option<Ended> {
     })
 }
 
-/// Processor time of children that have ended, and of theirs: fields 16 and 17 of proc_pid_stat(5), in hundredths.
+/// Processor time of children that have ended, and of theirs.
 fn children_s() -> f64 {
-    let stat = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
-    let fields = stat.rsplit_once(')').map_or("", |(_, rest)| rest);
-    let ticks = fields.split_whitespace().skip(13).take(2);
-    ticks
-        .filter_map(|text| text.parse::<f64>().ok())
-        .sum::<f64>()
-        / 100.0
+    processor_time::stat(std::process::id()).map_or(0.0, |stat| stat.children_s)
 }
 
 fn print_longest(what: &str, mut all: Vec<(String, f64)>) {

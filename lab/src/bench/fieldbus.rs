@@ -15,6 +15,7 @@ use hdrhistogram::Histogram;
 use machine::Machine;
 use rustix::process::{Pid, Signal, kill_process};
 
+use super::punctuality::{PUNCTUAL_AMONG, late_ns};
 use super::runs;
 use crate::options::FieldbusBenchOptions;
 use console::child;
@@ -24,8 +25,6 @@ use console::signals::Signals;
 
 /// Bytes of process data that the bare loop carries, to no slave.
 const BARE_BYTES: usize = 4;
-/// How late a frame is counts from the most punctual of so many.
-const PUNCTUAL_AMONG: usize = 250;
 /// Time in which a cell has its segment in operation.
 const START_LIMIT: Duration = Duration::from_secs(40);
 /// Longest wait for another answer.
@@ -212,13 +211,10 @@ fn observe(
 fn row(name: &str, seen: &Seen, period_ns: u64) -> anyhow::Result<String> {
     let mut late = Histogram::<u64>::new(3)?;
     let mut round_trip = Histogram::<u64>::new(3)?;
-    for frames in seen.frames.chunks(PUNCTUAL_AMONG) {
-        let off = |sent: &Sent| i128::from(sent.at_ns) - i128::from(sent.number * period_ns);
-        let punctual = frames.iter().map(off).min().unwrap_or(0);
-        for sent in frames {
-            late.record(u64::try_from(off(sent) - punctual)?)?;
-            round_trip.record(sent.round_trip_ns)?;
-        }
+    let off = |sent: &Sent| i128::from(sent.at_ns) - i128::from(sent.number * period_ns);
+    for (late_ns, sent) in late_ns(&seen.frames, off).zip(&seen.frames) {
+        late.record(late_ns)?;
+        round_trip.record(sent.round_trip_ns)?;
     }
     let us = |histogram: &Histogram<u64>| {
         let at = |part: f64| histogram.value_at_quantile(part) as f64 * 1e-3;

@@ -23,7 +23,7 @@ const BALLS: [Ball; 4] = [Ball::Ring, Ball::Pipe, Ball::Bare, Ball::Sample];
 /// Where the processes are.
 struct Placement {
     words: String,
-    /// The master's, then those of the servos, in turn.
+    /// The processor of the master, then the processors of the servos in turn.
     cores: Vec<usize>,
 }
 

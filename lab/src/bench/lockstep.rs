@@ -72,7 +72,7 @@ fn of_machine(of: &BenchMachine, rounds: u32, runs: &Runs, figures: &mut Figures
             sample_us: hand_over_us(Ball::Sample, runs.signals)?,
         });
     }
-    let watched = watchers::run(folder, program, runs.scratch.path(), runs.signals)?;
+    let watched = runs.watched(folder, program, watchers::watch)?;
     let median = |take: fn(&Round) -> f64| {
         let mut values: Vec<f64> = measured.iter().map(take).collect();
         values.sort_by(f64::total_cmp);

@@ -11,9 +11,9 @@ use tempfile::TempDir;
 
 use super::circles_program;
 use super::figures::Figures;
-use super::processor_time;
 use super::runs::{self, Runs};
 use crate::options::BenchReportOptions;
+use crate::processor_time;
 use console::child;
 use console::exit::{Failure, Kind, Outcome};
 use console::output::say;

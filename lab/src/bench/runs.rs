@@ -1,7 +1,9 @@
 //! Runs of a bench: each through real processes in a cell of its own, in a folder that is gone afterwards.
 
 use std::fs;
+use std::io;
 use std::path::{Path, PathBuf};
+use std::process::{Child, ExitStatus};
 
 use anyhow::{Context, anyhow};
 use serde_json::Value;
@@ -55,6 +57,28 @@ impl Runs<'_> {
         Ok(self.out(0))
     }
 
+    /// Runs a program in lockstep under the eyes of `watch`, which waits for its end and hands on an interruption; what was seen.
+    ///
+    /// # Errors
+    /// As [`Runs::report`], and those of `watch`.
+    pub fn watched<T>(
+        &self,
+        machine: &Path,
+        program: &Path,
+        watch: impl FnOnce(&mut Child, &Signals) -> anyhow::Result<T>,
+    ) -> Result<T, Failure> {
+        let mut seen = None;
+        let ended = self.start_with(machine, program, 0, &[], |child, signals| {
+            seen = Some(watch(child, signals));
+            child.wait()
+        });
+        let _ = fs::remove_dir_all(self.out(0));
+        ended?;
+        seen.context("nobody watched")
+            .and_then(|seen| seen)
+            .environment()
+    }
+
     fn out(&self, lane: usize) -> PathBuf {
         self.scratch.path().join(format!("run-{lane}"))
     }
@@ -83,6 +107,18 @@ impl Runs<'_> {
         lane: usize,
         options: &[&str],
     ) -> Result<(), Failure> {
+        self.start_with(machine, program, lane, options, child::wait)
+    }
+
+    /// The same, where `wait` waits for the end.
+    fn start_with(
+        &self,
+        machine: &Path,
+        program: &Path,
+        lane: usize,
+        options: &[&str],
+        wait: impl FnOnce(&mut Child, &Signals) -> io::Result<ExitStatus>,
+    ) -> Result<(), Failure> {
         if self.signals.count() > 0 {
             return Err(Failure::Interrupted);
         }
@@ -97,7 +133,7 @@ impl Runs<'_> {
             .spawn()
             .context("starting a run")
             .environment()?;
-        let status = child::wait(&mut child, self.signals).environment()?;
+        let status = wait(&mut child, self.signals).environment()?;
         if self.signals.count() > 0 {
             return Err(Failure::Interrupted);
         }

@@ -74,9 +74,10 @@ impl Subject {
         let mut windows = Windows::new(&self.machine, &mut planner);
         let began = Instant::now();
         for _ in 0..times {
-            if !windows.plan_next()? {
+            if !windows.go_on()? {
                 bail!("{}: has fewer windows than {times}", self.name);
             }
+            windows.plan()?;
         }
         Ok(began.elapsed())
     }

@@ -2,16 +2,14 @@
 
 use std::collections::BTreeMap;
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::Child;
 use std::time::Duration;
 
-use anyhow::{Context, anyhow};
+use anyhow::Context;
 use rustix::process::{Pid, Signal, WaitId, WaitIdOptions, kill_process, waitid};
 
-use super::processor_time;
-use console::child;
-use console::exit::{Failure, Kind};
+use crate::processor_time;
 use console::signals::Signals;
 
 /// How often they are looked at: what one takes behind the last look is missed.
@@ -44,39 +42,11 @@ impl Watched {
     }
 }
 
-/// Runs a program in lockstep, recorder on, and watches who takes how much.
+/// Watches a run to its end: who takes how much.
 ///
 /// # Errors
-/// The run does not end well, or it is interrupted.
-pub(crate) fn run(
-    machine: &Path,
-    program: &Path,
-    scratch: &Path,
-    signals: &Signals,
-) -> Result<Watched, Failure> {
-    let out = scratch.join("watched");
-    let cell = format!("bench-{}-w", std::process::id());
-    let mut child = child::command("run")
-        .arg(machine)
-        .arg(program)
-        .args(["--pace", "lockstep", "--cell", &cell, "--out"])
-        .arg(&out)
-        .spawn()
-        .context("starting a run")
-        .environment()?;
-    let watched = watch(&mut child, signals).environment();
-    let status = child.wait().environment()?;
-    let _ = fs::remove_dir_all(&out);
-    if signals.count() > 0 {
-        return Err(Failure::Interrupted);
-    }
-    match status.success() {
-        true => watched,
-        false => Err(anyhow!("a run ended with {status}")).environment(),
-    }
-}
-
-fn watch(launcher: &mut Child, signals: &Signals) -> anyhow::Result<Watched> {
+/// /proc says nothing of it.
+pub(crate) fn watch(launcher: &mut Child, signals: &Signals) -> anyhow::Result<Watched> {
     // Ended, but still there to be asked how long it took.
     let ended = WaitIdOptions::EXITED | WaitIdOptions::NOWAIT | WaitIdOptions::NOHANG;
     let pid = Pid::from_child(launcher);

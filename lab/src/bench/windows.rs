@@ -13,7 +13,8 @@ pub(crate) struct Windows<'a> {
     leads_max: usize,
     from: PathState,
     request: WindowRequest,
-    ended: bool,
+    /// The one planned last: setpoints that it intends, and whether it ends the program.
+    made: Option<(usize, bool)>,
 }
 
 impl<'a> Windows<'a> {
@@ -30,30 +31,38 @@ impl<'a> Windows<'a> {
                 ..WindowRequest::default()
             },
             planner,
-            ended: false,
+            made: None,
         }
     }
 
-    /// Plans the next one; false where the program has ended before.
+    /// Plans the next one, and does nothing else: for who times it.
     ///
     /// # Errors
     /// It cannot be planned.
-    pub fn plan_next(&mut self) -> anyhow::Result<bool> {
-        if self.ended {
-            return Ok(false);
-        }
+    pub fn plan(&mut self) -> anyhow::Result<()> {
         let (from, leads) = (&self.from, &self.leads);
         let made = self
             .planner
             .plan_behind(from, leads, &self.request, &mut self.window)?;
+        self.made = Some((made.intended_setpoints as usize, made.ends_program));
+        Ok(())
+    }
+
+    /// Executes the one that was planned last; whether another follows.
+    ///
+    /// # Errors
+    /// It intends no setpoint.
+    pub fn go_on(&mut self) -> anyhow::Result<bool> {
+        let Some((intended, ends_program)) = self.made else {
+            return Ok(true);
+        };
         self.request.repeats_start = false;
-        let mut intended = self.window.iter().take(made.intended_setpoints as usize);
+        let mut intended = self.window.iter().take(intended);
         self.leads
             .extend(intended.clone().map(|setpoint| setpoint.lead));
         self.from = intended.next_back().context("an empty window")?.state;
         let older = self.leads.len().saturating_sub(self.leads_max);
         self.leads.drain(..older);
-        self.ended = made.ends_program;
-        Ok(true)
+        Ok(!ends_program)
     }
 }

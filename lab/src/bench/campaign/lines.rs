@@ -30,7 +30,7 @@ pub(crate) struct Lines<'a> {
 }
 
 impl<'a> Lines<'a> {
-    /// Begins a file anew.
+    /// Creates the file; one of that name is emptied.
     ///
     /// # Errors
     /// It cannot be made.

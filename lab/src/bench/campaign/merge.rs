@@ -20,6 +20,11 @@ pub fn merge(options: &MergeOptions) -> Outcome {
     let campaign = lines.first().map(|line| line.campaign.clone());
     let campaign = campaign.context("no line in these files").input()?;
     let missing = missing(&lines, campaign.from, campaign.count);
+    if !missing.is_empty() {
+        let named: Vec<String> = missing.iter().take(NAMED).map(u64::to_string).collect();
+        let more = if missing.len() > NAMED { " …" } else { "" };
+        say(&format!("missing: {}{more}", named.join(", ")));
+    }
     match campaign.bench.as_str() {
         faults::NAME => faults::merge(&campaign, lines)?,
         plants::NAME => plants::merge(&campaign, lines, options.out.as_deref())?,
@@ -28,9 +33,6 @@ pub fn merge(options: &MergeOptions) -> Outcome {
     let Some(first) = missing.first() else {
         return Ok(());
     };
-    let named: Vec<String> = missing.iter().take(NAMED).map(u64::to_string).collect();
-    let more = if missing.len() > NAMED { " …" } else { "" };
-    say(&format!("missing: {}{more}", named.join(", ")));
     let (all, count) = (campaign.count, missing.len());
     let what = anyhow!("{count} of {all} are missing, {first} is the first: a part was not run");
     Err(what).input()

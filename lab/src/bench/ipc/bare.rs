@@ -6,13 +6,42 @@ use std::fmt::Debug;
 use anyhow::anyhow;
 use bus::cell::CellPaths;
 use bus::sample::{AxisCommand, Feedback};
-use bus::service::SCAN_DEPTH;
+use bus::service::{SCAN_DEPTH, Sample as _};
+use bytemuck::Zeroable;
 use iceoryx2::node::{Node, NodeBuilder};
 use iceoryx2::port::publisher::Publisher;
 use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::{ServiceName, SignalHandlingMode, ZeroCopySend};
 use iceoryx2::service::ipc;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
+
+/// Bytes of a feedback of so many axes, and of a command without a servo's state: what a cell sends in most scans.
+fn used(axes: usize) -> (usize, usize) {
+    let feedback = Feedback {
+        axis_count: axes as u32,
+        ..Feedback::zeroed()
+    };
+    (feedback.used_bytes(), AxisCommand::zeroed().used_bytes())
+}
+
+/// Sends these bytes, at the beginning of a place for all.
+fn send<const N: usize>(out: &Publisher<ipc::Service, [u8; N], ()>, bytes: &[u8]) {
+    if let Ok(loan) = out.loan_uninit() {
+        // SAFETY: it is a place in shared memory, which always has bytes.
+        let mut loan = unsafe { loan.assume_init() };
+        let place = loan.payload_mut().get_mut(..bytes.len());
+        place.unwrap_or_default().copy_from_slice(bytes);
+        let _ = loan.send();
+    }
+}
+
+/// Copies what was sent, as much as fits.
+fn take(into: &mut [u8], sent: &[u8]) {
+    for (to, from) in into.iter_mut().zip(sent) {
+        *to = *from;
+    }
+    std::hint::black_box(into);
+}
 
 type FeedbackBytes = [u8; size_of::<Feedback>()];
 type CommandBytes = [u8; size_of::<AxisCommand>()];
@@ -29,7 +58,7 @@ fn enter(place: &CellPaths) -> anyhow::Result<Node<ipc::Service>> {
     node.create::<ipc::Service>().map_err(failed)
 }
 
-/// A service of the game, made by whoever comes first.
+/// A service of the game; the first process that comes makes it.
 fn service<T: ZeroCopySend + Debug + Sized>(
     node: &Node<ipc::Service>,
     place: &CellPaths,
@@ -69,7 +98,8 @@ fn command_of(
 /// The master's ports.
 pub(super) struct BareMaster {
     _node: Node<ipc::Service>,
-    feedback: Box<FeedbackBytes>,
+    feedback: Vec<u8>,
+    command: Vec<u8>,
     out: Publisher<ipc::Service, FeedbackBytes, ()>,
     commands: Vec<Subscriber<ipc::Service, CommandBytes, ()>>,
 }
@@ -86,7 +116,8 @@ impl BareMaster {
         Ok(BareMaster {
             commands: commands.collect::<anyhow::Result<_>>()?,
             out: out.create().map_err(failed)?,
-            feedback: Box::new([0; size_of::<Feedback>()]),
+            feedback: vec![0; used(axes).0],
+            command: vec![0; used(axes).1],
             _node: node,
         })
     }
@@ -95,9 +126,7 @@ impl BareMaster {
         if let Some(bytes) = self.feedback.first_chunk_mut() {
             *bytes = scan.to_ne_bytes();
         }
-        if let Ok(loan) = self.out.loan_uninit() {
-            let _ = loan.write_payload(*self.feedback).send();
-        }
+        send(&self.out, &self.feedback);
     }
 
     /// Whether each has sent something.
@@ -105,7 +134,7 @@ impl BareMaster {
         self.commands.iter().all(|commands| {
             let command = commands.receive().ok().flatten();
             command.is_some_and(|command| {
-                std::hint::black_box(*command);
+                take(&mut self.command, &*command);
                 true
             })
         })
@@ -116,7 +145,8 @@ impl BareMaster {
 pub(super) struct BareServo {
     _node: Node<ipc::Service>,
     feedback: Subscriber<ipc::Service, FeedbackBytes, ()>,
-    command: Box<CommandBytes>,
+    taken: Vec<u8>,
+    command: Vec<u8>,
     out: Publisher<ipc::Service, CommandBytes, ()>,
 }
 
@@ -129,7 +159,8 @@ impl BareServo {
         Ok(BareServo {
             feedback: feedback.subscriber_builder().create().map_err(failed)?,
             out: out.create().map_err(failed)?,
-            command: Box::new([0; size_of::<AxisCommand>()]),
+            taken: vec![0; used(axes).0],
+            command: vec![0; used(axes).1],
             _node: node,
         })
     }
@@ -139,15 +170,13 @@ impl BareServo {
         let Ok(Some(feedback)) = self.feedback.receive() else {
             return;
         };
-        let feedback = std::hint::black_box(*feedback);
+        take(&mut self.taken, &*feedback);
         if let (Some(to), Some(from)) = (
             self.command.first_chunk_mut::<4>(),
-            feedback.first_chunk::<4>(),
+            self.taken.first_chunk::<4>(),
         ) {
             *to = *from;
         }
-        if let Ok(loan) = self.out.loan_uninit() {
-            let _ = loan.write_payload(*self.command).send();
-        }
+        send(&self.out, &self.command);
     }
 }

@@ -16,8 +16,8 @@ use rustix::process::{Pid, Signal, kill_process};
 
 use super::bare::BareMaster;
 use super::pipes::Pipes;
-use crate::bench::processor_time;
 use crate::options::Ball;
+use crate::processor_time;
 use console::child;
 use console::exit::{Failure, Kind, Outcome};
 use console::signals::Signals;
@@ -42,9 +42,9 @@ pub(crate) struct Game<'a> {
     pub axes: usize,
     /// What is handed over.
     pub ball: Ball,
-    /// Processors: the master's, then those of the servos, in turn; with one alone all are on it.
+    /// The processor of the master, then the processors of the servos in turn; one alone is for all.
     pub cores: &'a [usize],
-    /// So often.
+    /// Scans that are measured.
     pub scans: u32,
 }
 
@@ -256,7 +256,7 @@ impl Others<'_> {
             .sum()
     }
 
-    /// Ends them, that of the first axis last: it owns the cell. Whether all ended well.
+    /// Ends the processes, the one of the first axis last: it owns the cell. Whether all ended well.
     fn end(&mut self) -> bool {
         let mut well = true;
         for child in self.all.iter_mut().rev() {
@@ -296,7 +296,10 @@ impl Ports {
                 Ok(Ports::Samples(Box::new(SamplePorts {
                     out: bus.feedback_writer()?,
                     commands,
-                    feedback: Feedback::zeroed(),
+                    feedback: Feedback {
+                        axis_count: game.axes as u32,
+                        ..Feedback::zeroed()
+                    },
                     _bus: bus,
                 })))
             }

@@ -2,8 +2,8 @@
 
 use hdrhistogram::Histogram;
 
-/// How late a start is counts from the most punctual of so many.
-const PUNCTUAL_AMONG: usize = 250;
+use crate::bench::punctuality::late_ns;
+
 /// Longest time that is told from a longer one, in ns.
 const LONGEST_NS: u64 = 100_000_000_000;
 
@@ -43,15 +43,11 @@ impl Seen {
     pub fn of(starts: &[Start], period_ns: u64) -> Seen {
         let mut seen = Seen::default();
         for of_clock in starts.chunk_by(|a, b| a.overrun == b.overrun) {
-            for some in of_clock.chunks(PUNCTUAL_AMONG) {
-                let off = |start: &Start| {
-                    i128::from(start.at_ns) - i128::from(start.scan) * i128::from(period_ns)
-                };
-                let punctual = some.iter().map(off).min().unwrap_or(0);
-                for start in some {
-                    let late_ns = u64::try_from(off(start) - punctual).unwrap_or(0);
-                    seen.late_ns.saturating_record(late_ns);
-                }
+            let off = |start: &Start| {
+                i128::from(start.at_ns) - i128::from(start.scan) * i128::from(period_ns)
+            };
+            for late_ns in late_ns(of_clock, off) {
+                seen.late_ns.saturating_record(late_ns);
             }
         }
         let of = |start: Option<&Start>| start.map_or(0, |start| start.overrun);
