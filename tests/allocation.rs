@@ -10,6 +10,7 @@ use std::time::Duration;
 
 use bus::cell::CellPaths;
 use bus::member::{Member, Pace, Slot};
+use bus::realtime::Settings;
 use bus::sample::{
     Feedback, Instruments, Job, OperatorRequest, OperatorResponse, Participant, Roster, Setpoint,
     WindowHeader,
@@ -195,7 +196,8 @@ fn enter(paths: &CellPaths, folder: &Path, machine: &Machine, index: usize, who:
         incarnation: 1,
         launcher: std::process::id(),
         pace: Pace::Lockstep,
-        core: None,
+        processors: Vec::new(),
+        realtime: Settings::DEFAULT,
         after_scan: None,
     };
     Member::enter(slot, who, &machine.shape()).expect("a member")

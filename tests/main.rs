@@ -54,6 +54,7 @@ mod questions;
 mod random_runs;
 mod readout;
 mod realtime_faults;
+mod realtime_settings;
 mod recorder;
 mod robust;
 mod rounding;

@@ -336,7 +336,10 @@ fn the_doctor_looks_at_the_pc_for_another_user_too() {
     let program = bench.file("long.ngc", &long_program());
     let mut cell = LiveCell::start(bench.path(), &program, "realtime");
     cell.wait_for_scan(100);
-    let output = other.quadrant().args(["doctor", "--json"]).output();
+    let output = other
+        .quadrant()
+        .args(["doctor", "--seconds", "1", "--json"])
+        .output();
     let output = output.expect("a doctor");
     let json: serde_json::Value = serde_json::from_slice(&output.stdout).expect("JSON");
     let must = json["grade"] == "must-be-changed";

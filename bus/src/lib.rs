@@ -20,6 +20,7 @@ pub mod drive_codes;
 pub mod drive_page;
 mod error;
 pub mod kept_parameters;
+pub mod lateness;
 pub mod layout;
 pub mod limits;
 mod mapped_page;

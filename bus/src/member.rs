@@ -61,8 +61,10 @@ pub struct Slot {
     pub launcher: u32,
     /// Pace of the cell.
     pub pace: Pace,
-    /// Processor to stay on.
-    pub core: Option<usize>,
+    /// Processors to stay on; none for all that the launcher may use.
+    pub processors: Vec<usize>,
+    /// How it runs in realtime.
+    pub realtime: realtime::Settings,
     /// The last scan that is not its business: until then the process it replaces, or nobody, had its slot.
     pub after_scan: Option<u64>,
 }
@@ -157,13 +159,12 @@ impl Member {
 
     /// Prepares the process for its scans as the pace wants it and says that it is ready.
     pub fn ready(&self, priority: realtime::Priority) {
-        if let Some(core) = self.slot.core {
-            realtime::stay_on(core);
+        if !self.slot.processors.is_empty() {
+            realtime::stay_on_all(&self.slot.processors);
         }
         if self.slot.pace == Pace::Realtime {
             // What is refused here was published once by the launcher, for all.
-            let _ = realtime::raise(priority);
-            let _ = realtime::lock_memory();
+            self.slot.realtime.apply(priority);
         }
         self.page.set_ready(self.slot.index, self.slot.incarnation);
     }

@@ -4,7 +4,10 @@ use machine::LogLevel;
 use std::path::PathBuf;
 
 use bus::member::Pace;
-use clap::{Args, Subcommand};
+use bus::realtime::Settings;
+use clap::{ArgAction, Args, Subcommand};
+
+const DEFAULT: Settings = Settings::DEFAULT;
 
 /// A process of a cell.
 #[derive(Debug, Clone, Subcommand)]
@@ -44,9 +47,27 @@ pub struct SlotOptions {
     /// Pace of the cell
     #[arg(long, value_parser = ["realtime", "lockstep"])]
     pub pace: String,
-    /// Processor to stay on
+    /// Processors to stay on
+    #[arg(long, value_delimiter = ',')]
+    pub processors: Vec<usize>,
+    /// In realtime: SCHED_FIFO priority, 0 for none; without one that of its role
     #[arg(long)]
-    pub core: Option<usize>,
+    pub priority: Option<u32>,
+    /// In realtime: keep its memory in memory
+    #[arg(long, action = ArgAction::Set, default_value_t = DEFAULT.lock_memory)]
+    pub lock_memory: bool,
+    /// In realtime: stack to touch before the first scan, in KiB
+    #[arg(long, default_value_t = DEFAULT.touch_stack_kb)]
+    pub touch_stack_kb: u32,
+    /// In realtime: heap to touch before the first scan, in KiB
+    #[arg(long, default_value_t = DEFAULT.touch_heap_kb)]
+    pub touch_heap_kb: u32,
+    /// In realtime: how late the kernel may end a sleep, in ns
+    #[arg(long, default_value_t = DEFAULT.timer_slack_ns)]
+    pub timer_slack_ns: u32,
+    /// In realtime: longest time that it may use a processor under SCHED_FIFO without a pause, in ms
+    #[arg(long, default_value_t = DEFAULT.busy_max_ms)]
+    pub busy_max_ms: u32,
     /// Scans up to this one are none of its business: it replaces a process that was lost
     #[arg(long)]
     pub after_scan: Option<u64>,
@@ -62,7 +83,15 @@ impl SlotOptions {
             incarnation: self.incarnation,
             launcher: self.launcher,
             pace: self.pace.parse().unwrap_or(Pace::Lockstep),
-            core: self.core,
+            processors: self.processors.clone(),
+            realtime: Settings {
+                priority: self.priority,
+                lock_memory: self.lock_memory,
+                touch_stack_kb: self.touch_stack_kb,
+                touch_heap_kb: self.touch_heap_kb,
+                timer_slack_ns: self.timer_slack_ns,
+                busy_max_ms: self.busy_max_ms,
+            },
             after_scan: self.after_scan,
         }
     }

@@ -12,10 +12,11 @@ use bus::cell::{CellPaths, Ownership};
 use bus::drive_page::DrivePage;
 use bus::member::Pace;
 use bus::process::watch;
+use bus::realtime;
 use bus::sample::Job;
 use bus::service::{Bus, Created, ROLES, Services};
 use bus::signal_page::{CellPhase, SignalPage};
-use machine::{LogLevel, Machine, Process};
+use machine::{LogLevel, Machine, Process, Processes};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::{Signal, pidfd_send_signal};
 
@@ -166,7 +167,47 @@ pub fn roles(machine: &Machine, plan: &Plan) -> Vec<Role> {
     give_faults(&mut others, plan);
     let mut roles = vec![recorder];
     roles.extend(others);
+    if plan.pace == Pace::Realtime {
+        for role in &mut roles {
+            add_realtime(role, &machine.processes);
+        }
+    }
     roles
+}
+
+/// Tells a process how it runs in realtime, where that is not the usual way.
+fn add_realtime(role: &mut Role, processes: &Processes) {
+    let (settings, processors) = processes.of(role.process.job);
+    let usual = realtime::Settings::DEFAULT;
+    if let Some(priority) = settings.priority {
+        role.add(&["--priority", &priority.to_string()]);
+    }
+    if !processors.is_empty() {
+        role.add(&["--processors", &realtime::list(&processors)]);
+    }
+    for (name, of) in [
+        (
+            "--touch-stack-kb",
+            [settings.touch_stack_kb, usual.touch_stack_kb],
+        ),
+        (
+            "--touch-heap-kb",
+            [settings.touch_heap_kb, usual.touch_heap_kb],
+        ),
+        (
+            "--timer-slack-ns",
+            [settings.timer_slack_ns, usual.timer_slack_ns],
+        ),
+        ("--busy-max-ms", [settings.busy_max_ms, usual.busy_max_ms]),
+    ] {
+        let [value, usual] = of;
+        if value != usual {
+            role.add(&[name, &value.to_string()]);
+        }
+    }
+    if settings.lock_memory != usual.lock_memory {
+        role.add(&["--lock-memory", &settings.lock_memory.to_string()]);
+    }
 }
 
 /// Hands the fault script to the master, which comes last, and to what sends wrong samples by it.
@@ -239,7 +280,7 @@ fn lockstep_cores(pace: Pace) -> Option<[usize; 3]> {
     if pace != Pace::Lockstep {
         return None;
     }
-    let cores = bus::realtime::processors();
+    let cores = realtime::processors();
     let first = std::process::id() as usize % cores.len().max(1);
     let mut from_first = cores.iter().cycle().skip(first).copied();
     Some([from_first.next()?, from_first.next()?, from_first.next()?])
@@ -258,6 +299,9 @@ impl Group {
         interrupted: &dyn Fn() -> bool,
     ) -> anyhow::Result<Group> {
         let place: CellPaths = cell.place().clone();
+        if plan.pace == Pace::Realtime {
+            machine.processes.check_here().map_err(anyhow::Error::msg)?;
+        }
         let services = Services::of(&place, &machine.shape());
         bus::limits::check(&place, &services)?;
         bus::limits::check_room(&place, &services)?;
@@ -387,7 +431,7 @@ impl Group {
                 Job::Monitor => of_recorder,
                 _ => of_answers,
             };
-            command.args(["--core", &core.to_string()]);
+            command.args(["--processors", &core.to_string()]);
         }
         let mut child = command
             .spawn()

@@ -35,6 +35,7 @@ mod parameter_file;
 mod path;
 mod positioning;
 mod process;
+mod processes;
 mod renamed;
 mod restart;
 mod reversal;
@@ -67,6 +68,7 @@ pub use parameter_file::{KeptParameters, is_always_kept, parameter_text, parse_p
 pub use path::PathSettings;
 pub use positioning::{Positioning, RapidProfile};
 pub use process::Process;
+pub use processes::Processes;
 pub use restart::{AfterLoss, AfterMaster, AfterMonitor, AfterStandby, Restart};
 pub use reversal::{PositionErrorPart, PulseShape, Reversal, ReversalMethod, Trigger};
 pub use tool_table::{Tool, parse_tools};

@@ -20,6 +20,7 @@ use crate::manual::Manual;
 use crate::parameter_file::KeptParameters;
 use crate::path::PathSettings;
 use crate::positioning::Positioning;
+use crate::processes::Processes;
 use crate::restart::Restart;
 use crate::tool_table::Tool;
 
@@ -45,6 +46,8 @@ pub struct Machine {
     pub manual: Manual,
     /// What follows when a process is lost ([all cases](faults.md)).
     pub restart: Restart,
+    /// How the processes of the cell run in realtime ([real time](../howto/realtime.md)); in lockstep nothing of it counts.
+    pub processes: Processes,
     /// What is recorded of a run ([levels](run-directory.md#levels)), and how much of the
     /// [logs of earlier runs](run-directory.md) is kept. Without a key, of cells that stay up as much as the disk has room for.
     pub log: LogKeeping,

@@ -14,6 +14,7 @@ mod fieldbus;
 mod gantry;
 mod kinematics;
 mod model;
+mod processes;
 mod reversal;
 
 /// Checks every rule of the machine file.
@@ -31,6 +32,7 @@ pub fn judge(rules: &mut Rules<'_>, machine: &Machine) {
     }
     kinematics::judge(rules, machine);
     fieldbus::judge(rules, machine);
+    processes::judge(rules, machine);
     for (index, axis) in machine.axes.iter().enumerate() {
         let at = Some((index, axis.name.as_str()));
         if machine.axes.iter().take(index).any(|a| a.name == axis.name) {

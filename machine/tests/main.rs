@@ -2,4 +2,5 @@
 
 mod own_units;
 mod positioning;
+mod processes;
 mod settings;

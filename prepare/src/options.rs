@@ -40,12 +40,15 @@ pub struct PlanOptions {
 /// What `quadrant doctor` takes.
 #[derive(Debug, Clone, Args)]
 #[command(
-    after_help = "Each finding is ok, could be better, or must be changed; the last two with the reason and what to type.\nWith drives on EtherCAT, their network interface is looked at too:\n  quadrant doctor eth1\n  quadrant doctor machines/mine\n\nExit status 3: something must be changed before a cell runs in real time."
+    after_help = "Each finding is ok, could be better, or must be changed; the last two with the reason and what to type.\nHow late scans begin is measured as the master would begin them: the longer the better, and beside\nwhatever this PC has to do as well:\n  quadrant doctor machines/mine --seconds 600\nWith drives on EtherCAT, their network interface is looked at too:\n  quadrant doctor eth1\n\nExit status 3: something must be changed before a cell runs in real time."
 )]
 pub struct DoctorOptions {
-    /// Look at the network interface of a fieldbus too: its name, or a machine with [bus]
-    #[arg(value_name = "INTERFACE|MACHINE")]
-    pub bus: Option<String>,
+    /// A machine: its scans are measured as its master would start them, and its network interface is looked at; or an interface alone
+    #[arg(value_name = "MACHINE|INTERFACE")]
+    pub of: Option<String>,
+    /// Seconds of scans that are measured; Ctrl-C ends them
+    #[arg(long, default_value_t = 10, value_parser = clap::value_parser!(u64).range(1..=86_400))]
+    pub seconds: u64,
     /// Print JSON
     #[arg(long)]
     pub json: bool,

@@ -159,7 +159,7 @@ fn the_doctor_looks_at_the_interface_of_a_machine() {
         return;
     };
     let judged = |named: &str| {
-        let output = network.quadrant(&["doctor", named, "--json"]);
+        let output = network.quadrant(&["doctor", named, "--seconds", "1", "--json"]);
         let json: Value = serde_json::from_slice(&output.stdout).expect("JSON");
         let findings = json["findings"].as_array().expect("findings").clone();
         let of = findings.into_iter().find(|finding| {
@@ -179,9 +179,6 @@ fn the_doctor_looks_at_the_interface_of_a_machine() {
     network.set_link(&[MASTER, "down"]);
     let found = judged(MASTER);
     assert_eq!(found["change"][0], "ip link set ecat-master up");
-    // A machine without a bus has no interface to look at.
-    let output = quadrant().args(["doctor", "machines/xy"]).output();
-    assert_eq!(output.expect("a doctor").status.code(), Some(2));
 }
 
 #[test]

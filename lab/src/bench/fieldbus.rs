@@ -104,7 +104,7 @@ fn bare_loop(
         ..Wiring::zeroed()
     };
     let mut cycle = Cycle::new(socket, &wiring, period_ns, Counts::zeroed());
-    if let Err(error) = realtime::raise(Priority::Fieldbus) {
+    if let Err(error) = realtime::raise(Priority::Fieldbus.level(), 1) {
         tracing::warn!("the bare loop has no priority: {error}");
     }
     let mut seen = Seen::default();

@@ -93,7 +93,7 @@ pub fn wakeup(options: &WakeupOptions, figures: &mut Figures) -> Outcome {
 
 /// Whether the loops have what the master asks for.
 fn priority_in_words() -> String {
-    let asked = std::thread::spawn(|| realtime::raise(Priority::Master)).join();
+    let asked = std::thread::spawn(|| realtime::raise(Priority::Master.level(), 1)).join();
     match asked {
         Ok(Ok(())) => "SCHED_FIFO".into(),
         Ok(Err(error)) => format!("SCHED_FIFO is refused ({error}): ordinary priority"),

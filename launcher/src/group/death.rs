@@ -5,6 +5,7 @@ use std::process::ExitStatus;
 
 use anyhow::anyhow;
 use bus::sample::Job;
+use rustix::process::Signal;
 
 use super::Member;
 
@@ -56,6 +57,11 @@ impl Death {
     /// How it ended, in words.
     pub fn words(&self) -> String {
         match (self.status.signal(), self.status.code()) {
+            (Some(signal), _) if signal == Signal::XCPU.as_raw() => {
+                format!(
+                    "killed by signal {signal}: it used a processor without a pause for longer than busy_max_ms allows"
+                )
+            }
             (Some(signal), _) => format!("killed by signal {signal}"),
             (None, Some(code)) => format!("ended with status {code}"),
             (None, None) => "ended".into(),

@@ -5,7 +5,8 @@ use std::path::Path;
 
 use rustix::process::{Resource, getrlimit};
 
-use super::trial::{self, Lateness, Refused};
+use bus::lateness::Lateness;
+use bus::realtime::Refused;
 
 /// Everything that is judged.
 #[derive(Debug, Clone, Default)]
@@ -34,8 +35,8 @@ pub struct Facts {
     pub core_pattern: Option<String>,
     /// `sched_rt_runtime_us` and `sched_rt_period_us`.
     pub throttling_us: Option<(i64, i64)>,
-    /// How late sleeps end.
-    pub lateness: Lateness,
+    /// How late scans begin.
+    pub measured: Lateness,
     /// Slack of ordinary threads' timers, in ns.
     pub timer_slack_ns: Option<u64>,
     /// Clock source in use, and the others.
@@ -87,8 +88,8 @@ fn number<T: std::str::FromStr>(path: &str) -> Option<T> {
 }
 
 impl Facts {
-    /// Asks the system, and tries what only trying tells: about half a second.
-    pub fn gather() -> Facts {
+    /// Asks the system, and tries what only trying tells.
+    pub fn gather(measured: Lateness) -> Facts {
         let uname = rustix::system::uname();
         let kernel_version = uname.version().to_string_lossy().into_owned();
         let processors = bus::realtime::processors();
@@ -104,7 +105,7 @@ impl Facts {
                 "aarch64" => "arm64",
                 other => other,
             },
-            refused: trial::what_is_refused(),
+            refused: Refused::by_trying(),
             rtprio_limit: getrlimit(Resource::Rtprio).current,
             memlock_limit: getrlimit(Resource::Memlock).current,
             open_files_limit: {
@@ -115,7 +116,7 @@ impl Facts {
             core_pattern: read("/proc/sys/kernel/core_pattern"),
             throttling_us: number("/proc/sys/kernel/sched_rt_runtime_us")
                 .zip(number("/proc/sys/kernel/sched_rt_period_us")),
-            lateness: trial::lateness(),
+            measured,
             timer_slack_ns: number("/proc/self/timerslack_ns"),
             clock_source: clock_source(),
             shared_memory: Some(shared_memory()),

@@ -2,6 +2,7 @@
 
 use super::facts::Facts;
 use super::finding::Finding;
+use bus::realtime::list;
 
 /// Shared memory that a cell wants, in bytes: the queues of its services are sparse files that fill as they are used.
 const SHARED_MEMORY_BYTES: u64 = 64 << 20;
@@ -9,8 +10,8 @@ const SHARED_MEMORY_BYTES: u64 = 64 << 20;
 const OPEN_FILES_MIN: u64 = 256;
 /// Open files that leave room for eight axes with standbys and observers.
 const OPEN_FILES_WANTED: u64 = 1024;
-/// Sleeps that end later than this cost a scan of 1 ms now and then.
-const LATE_US: f64 = 200.0;
+/// The share of a scan that its beginning may be late by: the processes have the rest.
+const LATE_SHARE: f64 = 0.2;
 
 /// Everything but the processors.
 pub fn judge(facts: &Facts) -> Vec<Finding> {
@@ -19,7 +20,7 @@ pub fn judge(facts: &Facts) -> Vec<Finding> {
         priority,
         locked_memory,
         throttling,
-        timer,
+        scans,
         timer_slack,
         clock_source,
         shared_memory,
@@ -132,32 +133,43 @@ fn throttling(facts: &Facts) -> Option<Finding> {
     Some(Finding::fine(what, found))
 }
 
-fn timer(facts: &Facts) -> Option<Finding> {
-    let what = "timer";
-    let late = facts.lateness;
+fn scans(facts: &Facts) -> Option<Finding> {
+    let what = "scans";
+    let seen = &facts.measured;
+    let (period_us, on) = (f64::from(seen.scan_period_us), list(&seen.processors));
+    let priority = match seen.priority {
+        0 => "no SCHED_FIFO".into(),
+        level => format!("SCHED_FIFO {level}"),
+    };
+    let memory = if seen.memory_locked { "" } else { "not " };
     let found = format!(
-        "sleeps end {:.0} µs late (half), {:.0} µs (99 %), {:.0} µs (worst){}",
-        late.p50_us,
-        late.p99_us,
-        late.max_us,
-        if late.fifo {
-            ""
-        } else {
-            ", without SCHED_FIFO"
-        }
+        "{} of {period_us} µs begun as a master would ({priority}, memory {memory}locked, processors {on}): {:.0} µs late (half), \
+         {:.0} µs (99 %), {:.0} µs (worst); {} lost, begun a whole scan late",
+        seen.scans, seen.p50_us, seen.p99_us, seen.max_us, seen.lost_scans
     );
-    if late.p99_us <= LATE_US {
-        return Some(Finding::fine(what, found));
+    if seen.max_us <= period_us * LATE_SHARE {
+        return Some(Finding::fine(what, format!("{found}: fit for a machine")));
     }
-    Some(Finding::better(
-        what,
-        found,
-        "a scan of 1 ms will be missed now and then; what else stands here is mostly the cause",
-        &[
-            "# once more when this PC has nothing else to do, and for longer:",
-            "apt install rt-tests && cyclictest --mlockall --priority=60 --interval=1000 --duration=10m",
-        ],
-    ))
+    let why = match seen.lost_scans {
+        0 => {
+            "none was lost, but the worst left its scan little time: fit for simulation, for a machine only if it gets no worse"
+        }
+        _ => "a drive gets nothing in a scan that is lost: fit for simulation, not for a machine",
+    };
+    let change = [
+        "# what else stands here is mostly the cause: kernel, SCHED_FIFO, governor, idle states",
+        "# processors for the cell alone: docs/howto/realtime.md; then again, under load:",
+        "quadrant doctor MACHINE --seconds 600",
+    ];
+    if seen.p99_us >= period_us {
+        return Some(Finding::must(
+            what,
+            found,
+            "one scan in a hundred is lost, or more",
+            &change,
+        ));
+    }
+    Some(Finding::better(what, found, why, &change))
 }
 
 fn timer_slack(facts: &Facts) -> Option<Finding> {
@@ -382,7 +394,8 @@ mod tests {
     use super::*;
     use crate::doctor::facts::SharedMemory;
     use crate::doctor::finding::Grade;
-    use crate::doctor::trial::{Lateness, Refused};
+    use bus::lateness::Lateness;
+    use bus::realtime::Refused;
 
     /// A PC on which there is nothing to find.
     pub fn good() -> Facts {
@@ -393,11 +406,11 @@ mod tests {
             core_limit: Some(0),
             core_pattern: Some("core".into()),
             throttling_us: Some((950_000, 1_000_000)),
-            lateness: Lateness {
-                p50_us: 3.0,
-                p99_us: 9.0,
-                max_us: 21.0,
-                fifo: true,
+            measured: Lateness {
+                scan_period_us: 1000,
+                scans: 10_000,
+                max_us: 200.0,
+                ..Lateness::default()
             },
             timer_slack_ns: Some(50_000),
             clock_source: Some(("tsc".into(), vec!["tsc".into(), "hpet".into()])),
@@ -480,9 +493,17 @@ mod tests {
                 Box::new(|f| f.throttling_us = Some((100_000, 1_000_000))),
             ),
             (
-                "timer",
+                "scans",
                 Grade::Better,
-                Box::new(|f| f.lateness.p99_us = 201.0),
+                Box::new(|f| f.measured.max_us = 201.0),
+            ),
+            (
+                "scans",
+                Grade::Must,
+                Box::new(|f| {
+                    f.measured.p99_us = 1000.0;
+                    f.measured.max_us = 1500.0;
+                }),
             ),
             (
                 "timer slack",

@@ -2,6 +2,7 @@
 
 use super::facts::Facts;
 use super::finding::Finding;
+use bus::realtime::list;
 
 /// Processors from which on some can be given to a cell alone.
 const ENOUGH_TO_ISOLATE: usize = 4;
@@ -89,10 +90,6 @@ fn threads(facts: &Facts) -> Option<Finding> {
 
 fn isolated(facts: &Facts) -> Option<Finding> {
     let what = "isolated processors";
-    let list = |cpus: &[usize]| {
-        let words: Vec<String> = cpus.iter().map(usize::to_string).collect();
-        words.join(",")
-    };
     if facts.isolated.is_empty() {
         let cpus = &facts.processors;
         if cpus.len() < ENOUGH_TO_ISOLATE {
@@ -111,7 +108,7 @@ fn isolated(facts: &Facts) -> Option<Finding> {
                 &format!("#   nohz_full={spare} rcu_nocbs={spare} irqaffinity=0"),
                 "update-grub && reboot",
                 &format!(
-                    "# then start the cell there: taskset -c {spare} quadrant …; in a unit: CPUAffinity={spare}"
+                    "# then name them in [processes] of the machine file, or: taskset -c {spare} quadrant …"
                 ),
             ],
         ));

@@ -3,6 +3,7 @@
 use serde::Serialize;
 
 use super::finding::{Finding, Grade};
+use bus::lateness::Lateness;
 use console::output;
 
 const COLUMNS: usize = 80;
@@ -67,15 +68,27 @@ fn wrapped(name: &str, text: &str) -> Vec<String> {
 struct Json<'a> {
     quadrant: &'static str,
     grade: Grade,
+    measured: serde_json::Value,
     findings: &'a [Finding],
 }
 
 /// For scripts.
-pub fn json(findings: &[Finding]) -> String {
+pub fn json(findings: &[Finding], measured: &Lateness) -> String {
     let worst = findings.iter().map(|finding| finding.grade).max();
     let json = Json {
         quadrant: env!("CARGO_PKG_VERSION"),
         grade: worst.unwrap_or(Grade::Fine),
+        measured: serde_json::json!({
+            "scan_period_us": measured.scan_period_us,
+            "priority": measured.priority,
+            "memory_locked": measured.memory_locked,
+            "processors": measured.processors,
+            "scans": measured.scans,
+            "lost_scans": measured.lost_scans,
+            "p50_us": measured.p50_us,
+            "p99_us": measured.p99_us,
+            "max_us": measured.max_us,
+        }),
         findings,
     };
     serde_json::to_string_pretty(&json).unwrap_or_default()
@@ -121,7 +134,8 @@ mod tests {
 
     #[test]
     fn json_carries_the_worst_grade_and_every_finding() {
-        let value: serde_json::Value = serde_json::from_str(&json(&findings())).expect("JSON");
+        let value: serde_json::Value =
+            serde_json::from_str(&json(&findings(), &Lateness::default())).expect("JSON");
         assert_eq!(value["grade"], "must-be-changed");
         assert_eq!(value["findings"][1]["change"][0], "reboot");
         assert_eq!(value["findings"][0]["grade"], "ok");

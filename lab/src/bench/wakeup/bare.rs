@@ -86,7 +86,7 @@ impl Running {
 /// The clock of a master in realtime: time that was lost is not made up.
 fn run(shared: &Shared, first_ns: u64, period_ns: u64) -> Seen {
     // Who measures has said whether it is refused.
-    let _ = realtime::raise(Priority::Master);
+    let _ = realtime::raise(Priority::Master.level(), 1);
     let mut seen = Seen::default();
     let (mut next_ns, mut scan, mut overruns) = (first_ns, 0_u64, 0_u64);
     while !shared.ended.load(Ordering::Relaxed) {
@@ -110,7 +110,7 @@ fn run(shared: &Shared, first_ns: u64, period_ns: u64) -> Seen {
 }
 
 fn wait(shared: &Shared) -> Vec<Start> {
-    let _ = realtime::raise(Priority::Fieldbus);
+    let _ = realtime::raise(Priority::Fieldbus.level(), 1);
     let mut starts = Vec::with_capacity(1 << 16);
     let mut count = shared.ring.count();
     loop {

@@ -99,7 +99,7 @@ impl Asked<'_> {
     ) -> anyhow::Result<(InCell, Bare)> {
         let mut eyes = self.enter(name, child, signals)?;
         // Who measures has said whether it is refused.
-        let _ = realtime::raise(Priority::Fieldbus);
+        let _ = realtime::raise(Priority::Fieldbus.level(), 1);
         let watched = eyes.watch(self, signals);
         realtime::lower();
         let measured = watched?;
