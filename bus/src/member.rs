@@ -105,7 +105,7 @@ pub struct Member {
 pub const ORPHAN_PATIENCE: Duration = Duration::from_millis(500);
 /// The longest wait awake in lockstep: most scans take less. Who waits for longer, as the planner for its next period, soon sleeps at
 /// once (`Patience`).
-const AWAKE: Duration = Duration::from_micros(100);
+pub const AWAKE: Duration = Duration::from_micros(100);
 /// The longest wait without looking whether the cell still exists.
 const LOOK_AROUND: Duration = Duration::from_millis(100);
 

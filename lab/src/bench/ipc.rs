@@ -70,6 +70,7 @@ pub fn ipc(options: &IpcOptions, figures: &mut Figures) -> Outcome {
                         axes,
                         ball,
                         cores: &placement.cores,
+                        awake: false,
                         scans: options.scans,
                     };
                     let of_round = game.play(&signals)?;

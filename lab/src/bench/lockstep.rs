@@ -1,4 +1,4 @@
-//! `quadrant-lab bench lockstep`: speed of a whole cell beside physics alone and the bare hand-over between two processes.
+//! `quadrant-lab bench lockstep`: speed of a whole cell beside physics alone and the bare hand-overs of its scans.
 
 use std::path::Path;
 use std::time::Instant;
@@ -17,8 +17,8 @@ use console::output::say;
 use console::signals::Signals;
 use launcher::check::{self, Checked};
 
-/// Hand-overs there and back for the floor.
-const ROUND_TRIPS: u32 = 50_000;
+/// Scans of hand-overs alone.
+const BARE_SCANS: u32 = 20_000;
 /// Scans of physics alone.
 const PHYSICS_SCANS: usize = 20_000;
 
@@ -28,14 +28,14 @@ struct Round {
     scan_us: f64,
     factor: f64,
     physics_us: f64,
-    ring_us: f64,
-    sample_us: f64,
+    rings_us: f64,
+    samples_us: f64,
 }
 
-/// Speed of a lockstep cell beside physics alone and the bare hand-over, all on this machine in one go.
+/// Speed of a lockstep cell beside physics alone and its hand-overs alone, all on this machine in one go.
 ///
 /// # Errors
-/// A run fails, or the other side of the ping-pong cannot be had.
+/// A run fails, or the other side of the hand-overs cannot be had.
 pub fn lockstep(options: &LockstepOptions, figures: &mut Figures) -> Outcome {
     let signals = Signals::catch().environment()?;
     let scratch = runs::scratch().environment()?;
@@ -59,7 +59,6 @@ fn of_machine(of: &BenchMachine, rounds: u32, runs: &Runs, figures: &mut Figures
     let BenchMachine { folder, program } = of;
     let checked = check::load(folder, Some(program), check::Depth::Whole).input()?;
     let period_us = f64::from(checked.machine.scan.period_us);
-    let period_scans = f64::from(checked.machine.scan.interpolation_period_scans);
     let axes = checked.machine.axes.len();
     let mut measured = Vec::new();
     for _ in 0..rounds {
@@ -68,8 +67,8 @@ fn of_machine(of: &BenchMachine, rounds: u32, runs: &Runs, figures: &mut Figures
             scan_us,
             factor,
             physics_us: physics_us(&checked).environment()?,
-            ring_us: hand_over_us(Ball::Ring, runs.signals)?,
-            sample_us: hand_over_us(Ball::Sample, runs.signals)?,
+            rings_us: hand_overs_us(axes, Ball::Ring, runs.signals)?,
+            samples_us: hand_overs_us(axes, Ball::Sample, runs.signals)?,
         });
     }
     let watched = runs.watched(folder, program, watchers::watch)?;
@@ -78,16 +77,12 @@ fn of_machine(of: &BenchMachine, rounds: u32, runs: &Runs, figures: &mut Figures
         values.sort_by(f64::total_cmp);
         values.get(values.len() / 2).copied().unwrap_or(0.0)
     };
-    let middle = Middle {
-        round: Round {
-            scan_us: median(|r| r.scan_us),
-            factor: median(|r| r.factor),
-            physics_us: median(|r| r.physics_us),
-            ring_us: median(|r| r.ring_us),
-            sample_us: median(|r| r.sample_us),
-        },
-        // Master to each servo in turn and back; to the planner and back once a period.
-        hand_overs: axes as f64 + 1.0 + 1.0 / period_scans,
+    let middle = Round {
+        scan_us: median(|r| r.scan_us),
+        factor: median(|r| r.factor),
+        physics_us: median(|r| r.physics_us),
+        rings_us: median(|r| r.rings_us),
+        samples_us: median(|r| r.samples_us),
     };
     say(&format!(
         "lockstep: {} with {}, recorder on, axes: {axes}, processes: {}, median of {rounds} rounds",
@@ -101,57 +96,44 @@ fn of_machine(of: &BenchMachine, rounds: u32, runs: &Runs, figures: &mut Figures
     Ok(())
 }
 
-/// The round in the middle.
-struct Middle {
-    round: Round,
-    hand_overs: f64,
-}
-
-impl Middle {
-    /// Physics and hand-overs that cost so much each.
-    fn floor_us(&self, hand_over_us: f64) -> f64 {
-        self.round.physics_us + self.hand_overs * hand_over_us
-    }
-
+impl Round {
     fn print(&self, period_us: f64) {
-        let (round, hand_overs) = (&self.round, self.hand_overs);
-        let with_samples_us = hand_overs * round.sample_us;
-        let least_us = self.floor_us(round.sample_us);
+        let least_us = self.physics_us + self.samples_us;
         say(&format!(
             "  wall time per scan   {:7.2} µs   {:.1} x real time at {period_us} µs",
-            round.scan_us, round.factor
+            self.scan_us, self.factor
         ));
         say(&format!(
             "  physics alone        {:7.2} µs",
-            round.physics_us
+            self.physics_us
         ));
         say(&format!(
-            "  hand-overs           {with_samples_us:7.2} µs   {hand_overs:.2} a scan, {:.2} µs each: ping-pong of two processes, a sample and a ring",
-            round.sample_us
+            "  hand-overs           {:7.2} µs   the same processes with their samples, placed and waiting as in a run, without a planner",
+            self.samples_us
         ));
         say(&format!(
             "  the rest             {:7.2} µs   control, planning, instruments, digest, saved state",
-            round.scan_us - least_us
+            self.scan_us - least_us
         ));
         say(&format!(
-            "  ratio                {:7.2}      to physics + hand-overs with a sample",
-            round.scan_us / least_us
+            "  ratio                {:7.2}      to physics + hand-overs with samples",
+            self.scan_us / least_us
         ));
         say(&format!(
-            "  ratio                {:7.2}      to physics + hand-overs by a bare ring of {:.2} µs",
-            round.scan_us / self.floor_us(round.ring_us),
-            round.ring_us
+            "  ratio                {:7.2}      to physics + hand-overs by bare rings of {:.2} µs",
+            self.scan_us / (self.physics_us + self.rings_us),
+            self.rings_us
         ));
     }
 
     fn note(&self, axes: usize, watched: &Watched, figures: &mut Figures) {
         let what = format!("a scan, axes: {axes}, wall time");
-        for (floor, hand_over_us) in [
-            ("physics and hand-overs with a sample", self.round.sample_us),
-            ("physics and hand-overs by a ring", self.round.ring_us),
+        for (floor, hand_overs_us) in [
+            ("physics and hand-overs with samples", self.samples_us),
+            ("physics and hand-overs by rings", self.rings_us),
         ] {
-            figures.add("lockstep", &what, self.round.scan_us, "µs");
-            figures.beside(floor, self.floor_us(hand_over_us));
+            figures.add("lockstep", &what, self.scan_us, "µs");
+            figures.beside(floor, self.physics_us + hand_overs_us);
         }
         let what = format!("who watches, axes: {axes}, of the run's processor time");
         figures.add("lockstep", what, watched.percent(watched.watching_s()), "%");
@@ -206,14 +188,15 @@ fn physics_us(checked: &Checked) -> anyhow::Result<f64> {
     Ok(started.elapsed().as_secs_f64() * 1e6 / PHYSICS_SCANS as f64)
 }
 
-/// Half of a scan of one axis, on one processor, in µs.
-fn hand_over_us(ball: Ball, signals: &Signals) -> Result<f64, Failure> {
-    let core = bus::realtime::processors().first().copied().unwrap_or(0);
+/// A scan of hand-overs alone, master and servos placed as the launcher places them, in µs.
+fn hand_overs_us(axes: usize, ball: Ball, signals: &Signals) -> Result<f64, Failure> {
+    let cores = bus::realtime::processors();
     let game = Game {
-        axes: 1,
+        axes,
         ball,
-        cores: &[core],
-        scans: ROUND_TRIPS,
+        cores: cores.get(..2).unwrap_or(&cores),
+        awake: true,
+        scans: BARE_SCANS,
     };
-    Ok(0.5 * game.play(signals)?.mean_us())
+    Ok(game.play(signals)?.mean_us())
 }

@@ -38,6 +38,9 @@ pub struct BenchPongOptions {
     /// What is handed over
     #[arg(long)]
     pub ball: Ball,
+    /// Wait awake at first, as a process in lockstep does
+    #[arg(long)]
+    pub awake: bool,
 }
 
 /// Numbers of axes that are measured if none is named: powers of two, and the most that a machine can have.

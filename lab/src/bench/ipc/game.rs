@@ -5,6 +5,8 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, anyhow};
 use bus::cell::CellPaths;
+use bus::member;
+use bus::patience::Patience;
 use bus::port::{Reader, Writer};
 use bus::realtime;
 use bus::sample::{AxisCommand, Feedback};
@@ -44,6 +46,8 @@ pub(crate) struct Game<'a> {
     pub ball: Ball,
     /// The processor of the master, then the processors of the servos in turn; one alone is for all.
     pub cores: &'a [usize],
+    /// Whether processes wait awake at first, as in lockstep, or asleep, as in realtime.
+    pub awake: bool,
     /// Scans that are measured.
     pub scans: u32,
 }
@@ -111,6 +115,14 @@ pub(super) fn shape(axes: usize) -> Shape {
     }
 }
 
+/// How a process of the game waits.
+pub(super) fn patience(awake: bool) -> Patience {
+    Patience::new(match awake {
+        true => member::AWAKE,
+        false => Duration::ZERO,
+    })
+}
+
 /// The core of a servo.
 fn core_of(cores: &[usize], axis: usize) -> usize {
     let others = cores.get(1..).filter(|others| !others.is_empty());
@@ -150,6 +162,9 @@ impl Game<'_> {
                 .args(["--axes", &self.axes.to_string()])
                 .args(["--axis", &axis.to_string()])
                 .args(["--ball", ball.get_name()]);
+            if self.awake {
+                command.arg("--awake");
+            }
             if self.ball == Ball::Pipe {
                 command
                     .stdin(std::process::Stdio::piped())
@@ -172,12 +187,14 @@ impl Game<'_> {
         let page = others.ready(place)?;
         let mut ports = Ports::open(place, self).environment()?;
         realtime::stay_on(core);
+        let patience = patience(self.awake);
         self.count(others, |others, scan| {
             let seen = page.master_signal().count();
             page.expect_answers(self.axes as u32);
             ports.send(scan);
             page.scan_signal().raise();
-            while page.master_signal().count() == seen {
+            let is_answered = || page.master_signal().count() != seen;
+            while !patience.try_for(is_answered) && !is_answered() {
                 page.master_signal().wait(seen, LOOK_EVERY);
                 if page.master_signal().count() == seen {
                     others.look()?;

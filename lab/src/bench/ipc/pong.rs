@@ -11,7 +11,7 @@ use bus::signal_page::SignalPage;
 use bytemuck::Zeroable;
 
 use super::bare::BareServo;
-use super::game::{LOOK_EVERY, shape};
+use super::game::{LOOK_EVERY, patience, shape};
 use super::pipes;
 use crate::options::{Ball, BenchPongOptions};
 use console::exit::{Kind, Outcome};
@@ -125,8 +125,10 @@ fn answer_all(
     realtime::stay_on(options.core);
     let mut seen = page.scan_signal().count();
     page.set_ready(options.axis, 1);
+    let patience = patience(options.awake);
     loop {
-        if page.scan_signal().count() == seen {
+        let is_there = || page.scan_signal().count() != seen;
+        if !patience.try_for(is_there) && !is_there() {
             page.scan_signal().wait(seen, LOOK_EVERY);
             if page.scan_signal().count() == seen && is_over() {
                 break;
