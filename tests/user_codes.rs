@@ -5,6 +5,8 @@ use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+use bus::sample::ProgramState;
+
 use crate::support::{
     Bench, LiveCell, Run, is_alive, quadrant, run, run_with, text, traces_of, wait_until_gone,
 };
@@ -210,4 +212,47 @@ fn in_a_cell_that_stays_up_each_start_runs_them_again() {
         printed.text
     );
     down(cell);
+}
+
+#[test]
+fn why_a_program_cannot_go_on_is_said_once_and_everywhere_and_reset_begins_it_anew() {
+    let (bench, _) = machine(&[]);
+    let mut cell = LiveCell::up(bench.path(), "realtime");
+    cell.wait_for(|_| true);
+    obeyed(&cell, &["enable"]);
+    let program = bench.file("bad.ngc", "G21 G90 G1 X5 F3000\nM103\nG1 X9\nM2\n");
+    obeyed(&cell, &["load", &program.display().to_string()]);
+    let why = "planner cannot go on, line 2: M103 ended with status 3";
+    for run in 1..=2_u32 {
+        let started = ask(&cell, &["start", "--wait"]);
+        assert_eq!(started.status, 1, "{}", started.text);
+        assert!(started.text.contains(why), "{}", started.text);
+        let status = ask(&cell, &["status"]).text;
+        assert!(
+            status.contains("line 2: M103 ended with status 3"),
+            "{status}"
+        );
+        assert!(status.contains("`quadrant reset`"), "{status}");
+        let answer = obeyed(&cell, &["reset"]);
+        assert!(answer.contains("the program is loaded"), "{answer}");
+        // It stays so, whatever the planner has said of the run before.
+        let scan = cell.wait_for(|_| true).scan;
+        let now = cell.wait_for(|feedback| feedback.scan > scan + 100);
+        assert_eq!(
+            (now.program, now.cause, now.run),
+            (ProgramState::Loaded as u32, 0, run)
+        );
+    }
+    let out = cell.out.clone();
+    let ended = down(cell);
+    for run in 1..=2 {
+        let file = out.join(format!("00{run}-bad/report.json"));
+        let report = fs::read_to_string(&file).expect("a report");
+        let report: serde_json::Value = serde_json::from_str(&report).expect("JSON");
+        assert_eq!(text(&report, "/outcome/reason"), why);
+        assert_eq!(report["messages"].as_array().map(Vec::len), Some(1));
+    }
+    let printed = ended.stderr();
+    let said = printed.matches("ERROR planner: line 2: M103 ended with status 3");
+    assert_eq!(said.count(), 2, "{printed}");
 }

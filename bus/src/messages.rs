@@ -13,24 +13,47 @@ use std::path::{Path, PathBuf};
 use bytemuck::{Pod, Zeroable};
 use xxhash_rust::xxh3::xxh3_64;
 
-use crate::sample::{Feedback, Mode, ProgramState};
+use crate::sample::{Cause, Feedback, Mode, ProgramState};
 
 /// Texts that the file holds.
 pub const MESSAGES_KEPT: u32 = 2048;
+/// Number of the text that says why the planner cannot go on. It has a place of its own behind the others.
+pub const TROUBLE: u32 = 0;
 /// Bytes of a text; what is longer is cut.
 pub const TEXT_BYTES: usize = 472;
 
 /// A text of the program.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ProgramMessage {
-    /// Counted from 1 in the order of the run.
+    /// Counted from 1 in the order of the run, or [`TROUBLE`].
     pub number: u32,
-    /// Line of the program.
+    /// Line of the program; 0 for none.
     pub line: u32,
     /// For the log alone (LOG), rather than for the operator too.
     pub log_only: bool,
     /// The text, parameters replaced by their values.
     pub text: Box<str>,
+}
+
+impl ProgramMessage {
+    /// Why the planner cannot go on.
+    pub fn trouble(why: &str) -> ProgramMessage {
+        ProgramMessage {
+            number: TROUBLE,
+            line: 0,
+            log_only: false,
+            text: why.into(),
+        }
+    }
+}
+
+impl std::fmt::Display for ProgramMessage {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self.line {
+            0 => f.write_str(&self.text),
+            line => write!(f, "line {line}: {}", self.text),
+        }
+    }
 }
 
 /// As it lies in the file.
@@ -107,7 +130,11 @@ fn shortened(text: &str) -> String {
 }
 
 fn place_of(number: u32) -> u64 {
-    u64::from(number % MESSAGES_KEPT) * SLOT_BYTES as u64
+    let place = match number {
+        TROUBLE => MESSAGES_KEPT,
+        number => number % MESSAGES_KEPT,
+    };
+    u64::from(place) * SLOT_BYTES as u64
 }
 
 /// Writes texts, in the planner.
@@ -171,6 +198,8 @@ pub struct MessageReader {
     shown: u32,
     /// The program is done, and all that it had to say was told.
     is_over: bool,
+    /// Scan of the trouble that was told last.
+    trouble_scan: u64,
 }
 
 impl MessageReader {
@@ -181,7 +210,13 @@ impl MessageReader {
             of_run: 0,
             shown: 0,
             is_over: false,
+            trouble_scan: 0,
         }
+    }
+
+    /// Takes the trouble of this scan as told.
+    pub fn skip_trouble(&mut self, scan: u64) {
+        self.trouble_scan = scan;
     }
 
     /// Whether this feedback is of another run than the one before.
@@ -201,8 +236,18 @@ impl MessageReader {
         self.shown
     }
 
-    /// What the program has said since the feedback before. With a program that is done, all that it had to say was said.
+    /// What the program has said since the feedback before, and why it cannot go on. With a program that is done, all that it had to say
+    /// was said.
     pub fn hear(&mut self, feedback: &Feedback) -> Heard {
+        let mut heard = self.hear_program(feedback);
+        if feedback.cause == Cause::Planner as u32 && feedback.cause_scan != self.trouble_scan {
+            self.trouble_scan = feedback.cause_scan;
+            heard.messages.extend(why(&self.path, feedback));
+        }
+        heard
+    }
+
+    fn hear_program(&mut self, feedback: &Feedback) -> Heard {
         if self.is_other_run(feedback) {
             self.skip_to(feedback, 0);
         }
@@ -241,10 +286,14 @@ impl MessageReader {
     }
 }
 
-/// The last text that the path has come to, where it is still there.
-pub fn last_said(path: &Path, feedback: &Feedback) -> Option<ProgramMessage> {
-    let file = File::open(path).ok()?;
-    read(&file, feedback.run, feedback.messages)
+/// Why the program cannot go on, where it or its planner has said so: what an abort has said last, and the trouble of the planner.
+pub fn why(path: &Path, feedback: &Feedback) -> Option<ProgramMessage> {
+    let number = match Cause::from_wire(feedback.cause)? {
+        Cause::Abort => feedback.messages,
+        Cause::Planner => TROUBLE,
+        _ => return None,
+    };
+    read(&File::open(path).ok()?, feedback.run, number)
 }
 
 fn read(file: &File, run: u32, number: u32) -> Option<ProgramMessage> {

@@ -141,7 +141,7 @@ impl<P: PlannerPorts, F: Fn(usize) -> Option<u64>> PlannerPorts for Faulty<P, F>
         self.ports.parameters(run, machine, shown)
     }
 
-    fn keep_modes(&mut self, run: u32, modes: &str) -> bool {
+    fn keep_modes(&mut self, run: u32, modes: &str) -> Result<(), String> {
         self.ports.keep_modes(run, modes)
     }
 
@@ -149,7 +149,7 @@ impl<P: PlannerPorts, F: Fn(usize) -> Option<u64>> PlannerPorts for Faulty<P, F>
         self.ports.keep_tool(machine, tool);
     }
 
-    fn keep(&mut self, machine: &Machine, left: &Left) -> bool {
+    fn keep(&mut self, machine: &Machine, left: &Left) -> Result<(), String> {
         self.ports.keep(machine, left)
     }
 

@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use bus::cell::CellPaths;
 use bus::member::Pace;
-use bus::messages::{MessageReader, last_said};
+use bus::messages::{self, MessageReader, TROUBLE};
 use bus::port::{OperatorClient, PendingOrder};
 use bus::sample::{Cause, Feedback, Job, Mode, OperatorRequest, Order};
 use bus::signal_page::CellPhase;
@@ -271,8 +271,9 @@ impl<'a> Supervision<'a> {
         };
         let heard = messages.hear(feedback);
         for message in &heard.messages {
-            let text = format!("line {}: {}", message.line, message.text);
-            if !message.log_only {
+            let text = message.to_string();
+            // What is wrong with the planner it has said itself.
+            if !message.log_only && message.number != TROUBLE {
                 tracing::info!("the program says, {text}");
             }
             self.events.note(feedback.scan, "message", text);
@@ -596,7 +597,7 @@ fn stop(group: &Group, operator: &OperatorClient) -> Option<PendingOrder> {
     sent
 }
 
-/// Why and where the machine stopped; of a program that has given itself up also what it says, from the file of messages.
+/// Why and where the machine stopped; also what the program or its planner says of it, from the file of messages.
 pub fn stop_words(feedback: &Feedback, machine: &Machine, messages: Option<&Path>) -> String {
     let index = feedback.cause_axis as usize;
     let code = feedback.axes.get(index).map_or(0, |axis| axis.drive_code);
@@ -617,9 +618,8 @@ pub fn stop_words(feedback: &Feedback, machine: &Machine, messages: Option<&Path
     if mode.is_none() || feedback.cause == 0 {
         return stands;
     }
-    let messages = messages.filter(|_| cause == Some(Cause::Abort));
-    match messages.and_then(|messages| last_said(messages, feedback)) {
-        Some(said) => format!("{stands}: {words}, line {}: {}", said.line, said.text),
+    match messages.and_then(|messages| messages::why(messages, feedback)) {
+        Some(why) => format!("{stands}: {words}, {why}"),
         None => format!("{stands}: {words}"),
     }
 }

@@ -287,7 +287,7 @@ impl<D: Drives> Master<D> {
         let Some((status, planner)) = answers.planner.as_ref().zip(planner) else {
             return;
         };
-        let of_program = status.load == self.program.load();
+        let of_program = self.program.is_meant(status.load, status.scan);
         // A planner knows no other reason to stop than its own.
         let knows = status.cause == 0 || status.cause == Cause::Planner as u32;
         let genuine =

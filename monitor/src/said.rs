@@ -5,7 +5,7 @@ use std::io::{self, Write};
 use std::path::Path;
 
 use bus::cell::CellPaths;
-use bus::messages::{Heard, MessageReader};
+use bus::messages::{Heard, MessageReader, TROUBLE};
 use bus::sample::Feedback;
 use serde::{Deserialize, Serialize};
 
@@ -17,12 +17,12 @@ pub const MESSAGES_FILE: &str = "messages.jsonl";
 pub struct Line {
     /// Scan in which the path came to it.
     pub scan: u64,
-    /// Counted from 1 in the order of the run.
+    /// Counted from 1 in the order of the run; 0 where the planner says why it cannot go on.
     pub number: u32,
     /// So many before this number are lost: they were said faster than they could be read.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub dropped: Option<u32>,
-    /// Line of the program; none where messages are lost.
+    /// Line of the program; none where messages are lost, and where the planner says it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub line: Option<u32>,
     /// It is for the log alone (LOG).
@@ -57,13 +57,21 @@ impl SaidFile {
             .get(..whole)
             .unwrap_or_default()
             .split(|b| *b == b'\n');
-        let last = lines
+        let mut reader = MessageReader::new(cell.messages());
+        let mut lines = lines
             .rev()
-            .find_map(|line| serde_json::from_slice(line).ok());
+            .filter_map(|line| serde_json::from_slice(line).ok());
+        let is_said = |line: &Line| {
+            if line.number == TROUBLE {
+                reader.skip_trouble(line.scan);
+            }
+            line.number != TROUBLE
+        };
+        let before = lines.find(is_said).map_or(0, |last| last.number);
         Ok(SaidFile {
-            reader: MessageReader::new(cell.messages()),
+            reader,
             file,
-            before: last.map_or(0, |last: Line| last.number),
+            before,
             failed: false,
         })
     }
@@ -105,7 +113,7 @@ fn lines_of(scan: u64, heard: &Heard, last: u32) -> Vec<Line> {
         scan,
         number: message.number,
         dropped: None,
-        line: Some(message.line),
+        line: (message.line > 0).then_some(message.line),
         log_only: message.log_only,
         text: message.text.to_string(),
     }));

@@ -151,6 +151,14 @@ pub struct Inner {
     pub cause: Cause,
 }
 
+/// Why a planner cannot go on.
+#[derive(Debug, Clone)]
+struct Trouble {
+    why: String,
+    /// It was handed out to be written.
+    told: bool,
+}
+
 /// The planner.
 #[derive(Debug, Clone)]
 pub struct Planner {
@@ -172,7 +180,10 @@ pub struct Planner {
     in_force: Published,
     pending: Published,
     sequence: u32,
-    cause: Cause,
+    /// Why it cannot go on.
+    trouble: Option<Trouble>,
+    /// Whether the program ran in the feedback before.
+    ran: bool,
     setpoints: Vec<PlannedSetpoint>,
     leads: Vec<Lead>,
     wire: Vec<Setpoint>,
@@ -217,7 +228,8 @@ impl Planner {
             in_force: Published::none(setpoints_max),
             pending: Published::none(setpoints_max),
             sequence: 0,
-            cause: Cause::None,
+            trouble: None,
+            ran: false,
             setpoints: Vec::with_capacity(setpoints_max),
             leads: Vec::with_capacity(setpoints_max),
             wire: Vec::with_capacity(setpoints_max),
@@ -232,7 +244,7 @@ impl Planner {
             windows: [window(&self.in_force), window(&self.pending)],
             expanded_from: self.course.as_ref().map(|course| course.start),
             returns_from: self.return_to_path.as_ref().map(|way| way.from),
-            cause: self.cause,
+            cause: self.cause(),
         }
     }
 
@@ -243,15 +255,48 @@ impl Planner {
 
     /// Takes the program that the feedback names, in place of the one before. One that could not be read, or
     /// that is new to the cell and cannot be planned from where the axes are, is refused in the status.
-    pub fn load(&mut self, program: Option<ProgramText>, feedback: &Feedback) {
+    pub fn load(&mut self, program: Result<ProgramText, String>, feedback: &Feedback) {
         self.load = feedback.load;
-        self.cause = Cause::None;
+        self.trouble = None;
+        self.ran = false;
         self.read_anew();
-        self.program = program;
-        if self.program.is_none() {
-            self.cause = Cause::Planner;
+        let refused = program.as_ref().err().cloned();
+        self.program = program.ok();
+        if let Some(why) = refused {
+            self.give_up(why);
         } else if feedback.program == ProgramState::Loading as u32 {
             self.expanded_from(self.presumed_start(feedback), feedback);
+        }
+    }
+
+    /// It cannot go on, for this reason, which is told once. The first of several counts.
+    pub fn give_up(&mut self, why: impl ToString) {
+        if self.trouble.is_none() {
+            let why = why.to_string();
+            tracing::error!("{why}");
+            self.trouble = Some(Trouble { why, told: false });
+        }
+    }
+
+    /// Why it cannot go on, where that is new: as a text of the program.
+    pub fn new_trouble(&mut self) -> Option<ProgramMessage> {
+        let trouble = self.trouble.as_mut().filter(|trouble| !trouble.told)?;
+        trouble.told = true;
+        Some(ProgramMessage::trouble(&trouble.why))
+    }
+
+    fn cause(&self) -> Cause {
+        match self.trouble {
+            Some(_) => Cause::Planner,
+            None => Cause::None,
+        }
+    }
+
+    /// A program that was given up by an operator is read from its beginning, as if nothing had been wrong.
+    fn forget_trouble_of_run(&mut self, feedback: &Feedback) {
+        let runs = feedback.program == ProgramState::Running as u32;
+        if std::mem::replace(&mut self.ran, runs) && !runs && self.trouble.take().is_some() {
+            self.read_anew();
         }
     }
 
@@ -290,23 +335,23 @@ impl Planner {
         &self.machine
     }
 
-    /// Takes what programs before and operators have kept; the program is read again with anything else. Whether it could be read.
-    pub fn take_kept(&mut self, kept: Result<Option<KeptTexts>, SettingsFileError>) -> bool {
+    /// Takes what programs before and operators have kept; the program is read again with anything else.
+    ///
+    /// # Errors
+    /// It could not be read.
+    pub fn take_kept(
+        &mut self,
+        kept: Result<Option<KeptTexts>, SettingsFileError>,
+    ) -> Result<(), String> {
         let taken = match kept {
             Ok(Some(kept)) => self.machine.take_kept(kept),
             Ok(None) => Ok(false),
             Err(error) => Err(error),
         };
-        match taken {
-            Ok(true) => self.read_anew(),
-            Ok(false) => {}
-            Err(error) => {
-                tracing::error!("{error}");
-                self.cause = Cause::Planner;
-                return false;
-            }
+        if taken.map_err(|error| error.to_string())? {
+            self.read_anew();
         }
-        true
+        Ok(())
     }
 
     fn read_anew(&mut self) {
@@ -331,10 +376,7 @@ impl Planner {
         self.pending.header = WindowHeader::zeroed();
         match (of_program, &mut self.course) {
             (Ok(answer), Some(course)) => course.answer(answer),
-            (Err(error), _) => {
-                tracing::error!("{error}");
-                self.cause = Cause::Planner;
-            }
+            (Err(error), _) => self.give_up(error),
             _ => {}
         }
     }
@@ -344,7 +386,7 @@ impl Planner {
         let is_new = self.course.is_none() && self.place.is_none() && self.program.is_some();
         let left_at = Situation::of(feedback).left_at?;
         let is_far = left_at.element > PLACE_ELEMENTS;
-        (is_new && is_far && self.cause == Cause::None).then_some(left_at.element)
+        (is_new && is_far && self.trouble.is_none()).then_some(left_at.element)
     }
 
     /// A place that was kept, to read on from. One behind answers is one of this run alone.
@@ -377,6 +419,7 @@ impl Planner {
 
     /// Answers the feedback of a period boundary (or of a later scan, if it woke late).
     pub fn scan(&mut self, feedback: &Feedback) -> Decision<'_> {
+        self.forget_trouble_of_run(feedback);
         self.seek_line(feedback);
         self.read_on(feedback);
         let header = self.next_window(feedback);
@@ -489,8 +532,7 @@ impl Planner {
             Ok(outcome) => outcome,
             Err(PlanError::NotAtHand) if !is_whole => return None,
             Err(error) => {
-                tracing::error!(%error, "no window can be planned");
-                self.cause = Cause::Planner;
+                self.give_up(format!("no window can be planned: {error}"));
                 return None;
             }
         };
@@ -544,7 +586,7 @@ impl Planner {
 
     /// Whether there is a program, and nothing that speaks against it.
     fn can_go_on(&self) -> bool {
-        self.cause == Cause::None && self.program.is_some()
+        self.trouble.is_none() && self.program.is_some()
     }
 
     /// Learns from the feedback what became of the window that was published last.
@@ -602,16 +644,19 @@ impl Planner {
         if self.course.as_ref().is_some_and(|c| c.start == start) {
             return Some(());
         }
-        self.course = self.begin(start, feedback);
-        if self.course.is_none() {
-            self.cause = Cause::Planner;
+        match self.begin(start, feedback) {
+            Ok(course) => self.course = Some(course),
+            Err(why) => {
+                self.course = None;
+                self.give_up(why);
+            }
         }
         None
     }
 
     /// The program from these command positions, read so far that it can begin, or as far as one scan allows.
-    fn begin(&self, start: [i64; MAX_AXES], feedback: &Feedback) -> Option<Course> {
-        let program = self.program.as_ref()?;
+    fn begin(&self, start: [i64; MAX_AXES], feedback: &Feedback) -> Result<Course, String> {
+        let program = self.program.as_ref().ok_or("there is no program")?;
         let left_at = Situation::of(feedback).left_at;
         let element = left_at.map_or(0, |tag| tag.element);
         let reaches = |place: &&Place| first_mapped(place.element) <= element;
@@ -628,20 +673,13 @@ impl Planner {
             };
             Course::new(&self.machine, program, start, place, setup)
         });
-        let mut course = match course {
-            Ok(course) => course,
-            Err(error) => {
-                tracing::error!("{error}");
-                return None;
-            }
-        };
+        let mut course = course.map_err(|error| error.to_string())?;
         course.read_on(element, false);
         // A mistake that is met before anything moves refuses the program; a later one stops it where it stands.
         if let (Some(refused), None) = (course.refused(), place) {
-            tracing::error!("{refused}");
-            return None;
+            return Err(refused.to_string());
         }
-        Some(course)
+        Ok(course)
     }
 
     /// Reads on ahead of the tool. What was refused is told once the tool rests before it.
@@ -655,15 +693,15 @@ impl Planner {
         course.events.forget(feedback.auxiliary.events_done);
         course.events.forget_passes(element);
         if let Some(refused) = course.refused()
-            && self.cause == Cause::None
+            && self.trouble.is_none()
             && situation.rests
             && self.in_force.header.id == feedback.window
             && self.in_force.ends_path
             && !self.in_force.returns
             && self.in_force.is_done_in(feedback.scan)
         {
-            tracing::error!("{refused}");
-            self.cause = Cause::Planner;
+            let why = refused.to_string();
+            self.give_up(why);
         }
     }
 
@@ -699,8 +737,7 @@ impl Planner {
         let place =
             resumed.and_then(|state| Some((state, windows.setpoint(&state)?.position_increments)));
         let Some((state, position)) = place else {
-            tracing::error!("the place where the path was left is not on the path of this program");
-            self.cause = Cause::Planner;
+            self.give_up("the place where the path was left is not on the path of this program");
             return None;
         };
         let here = Situation::of(feedback).positions;
@@ -722,8 +759,7 @@ impl Planner {
             match ReturnToPath::new(&self.machine, here, state, windows.path(), coupled) {
                 Ok(return_to_path) => self.return_to_path = Some(return_to_path),
                 Err(error) => {
-                    tracing::error!("{error}");
-                    self.cause = Cause::Planner;
+                    self.give_up(error);
                     return None;
                 }
             }
@@ -739,11 +775,10 @@ impl Planner {
 
     fn is_another_program(&mut self) -> Option<From> {
         let name = self.program.as_ref().map(ProgramText::name);
-        tracing::error!(
-            "{}: changed since the program was started; it cannot go on in the middle of another one",
-            name.unwrap_or_default()
-        );
-        self.cause = Cause::Planner;
+        let name = name.unwrap_or_default();
+        self.give_up(format!(
+            "{name}: changed since the program was started; it cannot go on in the middle of another one"
+        ));
         None
     }
 

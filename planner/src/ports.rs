@@ -27,14 +27,14 @@ use crate::questions::{KEPT_BYTES, KeptAnswer, kept_in};
 const USER_CODE_LOOK: Duration = Duration::from_millis(1);
 
 /// How far a user M-code is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq)]
 pub enum UserCode {
     /// It runs, or is about to.
     Runs,
     /// It has run to a good end.
     Good,
-    /// It has not: the program must not go on.
-    Failed,
+    /// It has not, for this reason: the program must not go on.
+    Failed(String),
 }
 
 /// What a planner sees of its cell. Shared memory, queues and faulty decorators implement it.
@@ -83,10 +83,13 @@ pub trait PlannerPorts {
         Ok(None)
     }
 
-    /// Keeps the modes that a run leaves to the next one; false if it could not.
-    fn keep_modes(&mut self, run: u32, modes: &str) -> bool {
+    /// Keeps the modes that a run leaves to the next one.
+    ///
+    /// # Errors
+    /// They cannot be kept.
+    fn keep_modes(&mut self, run: u32, modes: &str) -> Result<(), String> {
         let _ = (run, modes);
-        true
+        Ok(())
     }
 
     /// Keeps the tool in the spindle over the end of the cell, on a machine as this planner began with it.
@@ -94,10 +97,13 @@ pub trait PlannerPorts {
         let _ = (machine, tool);
     }
 
-    /// Keeps what a program leaves that has come to its end on this machine; false if it could not.
-    fn keep(&mut self, machine: &Machine, left: &Left) -> bool {
+    /// Keeps what a program leaves that has come to its end on this machine.
+    ///
+    /// # Errors
+    /// It cannot be kept.
+    fn keep(&mut self, machine: &Machine, left: &Left) -> Result<(), String> {
         let _ = (machine, left);
-        true
+        Ok(())
     }
 
     /// Has a user M-code run, once, whoever asks how often.
@@ -208,11 +214,7 @@ impl PlannerPorts for BusPorts {
     }
 
     fn program(&mut self, load: u32) -> Option<ProgramText> {
-        let Some(path) = self.paths.program(load) else {
-            tracing::error!("the cell has no program of number {load}");
-            return None;
-        };
-        Some(ProgramText::File(path))
+        self.paths.program(load).map(ProgramText::File)
     }
 
     fn place_before(&mut self, program_hash: u64, element: u32) -> Option<Place> {
@@ -245,11 +247,9 @@ impl PlannerPorts for BusPorts {
         self.keeper.read(run, machine, shown)
     }
 
-    fn keep_modes(&mut self, run: u32, modes: &str) -> bool {
-        self.keeper
-            .keep_modes(run, modes)
-            .inspect_err(|error| tracing::error!("{error}: the modes are not kept"))
-            .is_ok()
+    fn keep_modes(&mut self, run: u32, modes: &str) -> Result<(), String> {
+        let kept = self.keeper.keep_modes(run, modes);
+        kept.map_err(|error| format!("{error}: the modes are not kept"))
     }
 
     fn keep_tool(&mut self, machine: &Machine, tool: u32) {
@@ -260,17 +260,14 @@ impl PlannerPorts for BusPorts {
         }
     }
 
-    fn keep(&mut self, machine: &Machine, left: &Left) -> bool {
-        self.keeper
-            .keep(machine, left)
-            .inspect_err(|error| tracing::error!("{error}: the parameters are not kept"))
-            .is_ok()
+    fn keep(&mut self, machine: &Machine, left: &Left) -> Result<(), String> {
+        let kept = self.keeper.keep(machine, left);
+        kept.map_err(|error| format!("{error}: the parameters are not kept"))
     }
 
     fn user_code(&mut self, call: &UserCall) -> UserCode {
         if let Err(error) = user_codes::call(&self.paths, call) {
-            tracing::error!("M{} cannot be asked for: {error}", call.code);
-            return UserCode::Failed;
+            return UserCode::Failed(format!("M{} cannot be asked for: {error}", call.code));
         }
         loop {
             match user_codes::ended(&self.paths, call.id) {
@@ -278,8 +275,7 @@ impl PlannerPorts for BusPorts {
                 Ok(Some(CallEnd {
                     failed: Some(why), ..
                 })) => {
-                    tracing::error!("line {}: {why}", call.line);
-                    return UserCode::Failed;
+                    return UserCode::Failed(format!("line {}: {why}", call.line));
                 }
                 Ok(None) if !self.boundaries.lockstep => return UserCode::Runs,
                 // In lockstep it takes no time of the machine, so that the run is the same every time.
@@ -288,8 +284,7 @@ impl PlannerPorts for BusPorts {
                 }
                 Ok(None) => return UserCode::Runs,
                 Err(error) => {
-                    tracing::error!("M{}: {error}", call.code);
-                    return UserCode::Failed;
+                    return UserCode::Failed(format!("M{}: {error}", call.code));
                 }
             }
         }

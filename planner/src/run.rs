@@ -5,7 +5,7 @@ use std::rc::Rc;
 
 use bus::member::{Member, MemberError, Slot};
 use bus::realtime::Priority;
-use bus::sample::{Cause, ProgramEvent};
+use bus::sample::{Cause, Feedback, ProgramEvent};
 use machine::Machine;
 use machine::settings_file::SettingsFileError;
 
@@ -73,50 +73,40 @@ pub fn cycle(planner: &mut Planner, ports: &mut impl PlannerPorts) -> bool {
     let Some(feedback) = ports.next_feedback().filter(|feedback| feedback.last == 0) else {
         return false;
     };
-    if feedback.load != planner.loaded() {
-        let kept =
-            planner.take_kept(ports.parameters(None, planner.machine(), &feedback.auxiliary));
-        let program = ports.program(feedback.load).filter(|_| kept);
-        planner.load(program, &feedback);
-    }
-    ports.keep_tool(planner.machine(), feedback.auxiliary.tool);
-    if planner.is_other_run(&feedback) {
-        let run = Some((feedback.load, feedback.run));
-        planner.take_kept(ports.parameters(run, planner.machine(), &feedback.auxiliary));
-        planner.begin_run(ports.answers(feedback.load, feedback.run), &feedback);
-    }
-    if let Some(answer) = planner.new_answer(&feedback)
-        && ports.keep_answer(feedback.load, feedback.run, &answer)
-    {
-        planner.take_answer(answer);
-    }
-    if let Some(element) = planner.wants_place(&feedback)
-        && let Some(place) = ports.place_before(feedback.program_hash, element)
-    {
-        planner.take_place(place);
-    }
+    take_up(planner, ports, &feedback);
     let decision = planner.scan(&feedback);
     if !decision.messages.is_empty() {
         ports.write_messages(feedback.load, feedback.run, decision.messages);
     }
     let modes = decision.modes.as_ref();
-    let are_kept = modes.is_none_or(|modes| ports.keep_modes(feedback.run, modes));
-    if let Some((header, setpoints)) = decision.window.as_ref().filter(|_| are_kept) {
+    let mut failed = modes.and_then(|modes| ports.keep_modes(feedback.run, modes).err());
+    if let Some((header, setpoints)) = decision.window.as_ref().filter(|_| failed.is_none()) {
         ports.publish_window(header, setpoints);
     }
     let mut status = decision.status;
-    let kept = decision.left.as_ref();
-    let kept = kept.map(|left| ports.keep(decision.machine, left));
-    let user_code = decision
-        .user_call
-        .as_ref()
-        .map(|call| ports.user_code(call));
-    // What has to come before an event is not done: it is not asked for.
-    if kept == Some(false) || user_code.is_some_and(|code| code != UserCode::Good) {
+    if let Some(left) = &decision.left
+        && let Err(why) = ports.keep(decision.machine, left)
+    {
+        // What has to come before an event is not done: it is not asked for.
         status.event = ProgramEvent::default();
+        failed = Some(why);
     }
-    if kept == Some(false) || !are_kept || user_code == Some(UserCode::Failed) {
+    if let Some(call) = &decision.user_call {
+        match ports.user_code(call) {
+            UserCode::Good => {}
+            UserCode::Runs => status.event = ProgramEvent::default(),
+            UserCode::Failed(why) => {
+                status.event = ProgramEvent::default();
+                failed = Some(why);
+            }
+        }
+    }
+    if let Some(why) = failed {
+        planner.give_up(why);
         status.cause = Cause::Planner as u32;
+    }
+    if let Some(trouble) = planner.new_trouble() {
+        ports.write_messages(feedback.load, feedback.run, &[trouble]);
     }
     ports.publish_status(&status);
     ports.answered(feedback.scan);
@@ -125,4 +115,36 @@ pub fn cycle(planner: &mut Planner, ports: &mut impl PlannerPorts) -> bool {
         ports.keep_place(&place, needed_from);
     }
     true
+}
+
+/// Takes what has changed since the feedback before: program, run, answer, and a place to read on from.
+fn take_up(planner: &mut Planner, ports: &mut impl PlannerPorts, feedback: &Feedback) {
+    if feedback.load != planner.loaded() {
+        let load = feedback.load;
+        let kept = ports.parameters(None, planner.machine(), &feedback.auxiliary);
+        let program = planner.take_kept(kept).and_then(|()| {
+            let none = || format!("the cell has no program of number {load}");
+            ports.program(load).ok_or_else(none)
+        });
+        planner.load(program, feedback);
+    }
+    ports.keep_tool(planner.machine(), feedback.auxiliary.tool);
+    if planner.is_other_run(feedback) {
+        let run = Some((feedback.load, feedback.run));
+        let kept = ports.parameters(run, planner.machine(), &feedback.auxiliary);
+        if let Err(why) = planner.take_kept(kept) {
+            planner.give_up(why);
+        }
+        planner.begin_run(ports.answers(feedback.load, feedback.run), feedback);
+    }
+    if let Some(answer) = planner.new_answer(feedback)
+        && ports.keep_answer(feedback.load, feedback.run, &answer)
+    {
+        planner.take_answer(answer);
+    }
+    if let Some(element) = planner.wants_place(feedback)
+        && let Some(place) = ports.place_before(feedback.program_hash, element)
+    {
+        planner.take_place(place);
+    }
 }

@@ -91,8 +91,10 @@ fn auxiliary_events(report: &Report) -> Vec<String> {
 fn messages(report: &Report) -> Vec<String> {
     let line = |said: &Line| {
         let at_s = time_s(report, said.scan);
-        let line = said.line.unwrap_or_default();
-        format!("{at_s:.3} s, line {line}: {}", said.text)
+        let line = said
+            .line
+            .map_or(String::new(), |line| format!("line {line}: "));
+        format!("{at_s:.3} s, {line}{}", said.text)
     };
     let all = report.messages.iter();
     let mut lines: Vec<String> = all.take(AUXILIARY_EVENTS_MAX).map(line).collect();

@@ -20,6 +20,8 @@ use crate::measure::faults::{FaultResult, ProcessResult};
 use crate::measure::fit::FitKind;
 use crate::measure::outcome::StopReason;
 use crate::measure::reversal::ReversalResult;
+use bus::messages::TROUBLE;
+use bus::sample::Cause;
 use machine::LogLevel;
 use monitor::said::Line;
 
@@ -333,12 +335,23 @@ fn outcome(evaluation: &Evaluation) -> OutcomeReport {
     OutcomeReport { kind, reason }
 }
 
-/// What a program that has given itself up said then.
+/// What a program that has given itself up said then, or its planner where that could not go on.
 fn said_at_the_end(evaluation: &Evaluation, reason: &StopReason) -> String {
-    let given_up =
-        matches!(reason, StopReason::Cause(of) if of.cause == Some(bus::sample::Cause::Abort));
-    match evaluation.said.last.as_ref().filter(|_| given_up) {
-        Some(said) => format!(", line {}: {}", said.line.unwrap_or(0), said.text),
+    let StopReason::Cause(of) = reason else {
+        return String::new();
+    };
+    let says_why = |said: &&Line| match of.cause {
+        Some(Cause::Abort) => said.number != TROUBLE,
+        Some(Cause::Planner) => said.number == TROUBLE,
+        _ => false,
+    };
+    match evaluation.said.last.as_ref().filter(says_why) {
+        Some(Line {
+            line: Some(line),
+            text,
+            ..
+        }) => format!(", line {line}: {text}"),
+        Some(Line { text, .. }) => format!(", {text}"),
         None => String::new(),
     }
 }

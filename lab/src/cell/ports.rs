@@ -118,9 +118,9 @@ impl PlannerPorts for PlannerQueues {
         true
     }
 
-    fn keep(&mut self, _machine: &Machine, left: &Left) -> bool {
+    fn keep(&mut self, _machine: &Machine, left: &Left) -> Result<(), String> {
         self.kept.parameters = Some(left.parameters.clone());
-        true
+        Ok(())
     }
 
     fn publish_window(&mut self, header: &WindowHeader, setpoints: &[Setpoint]) {

@@ -168,7 +168,7 @@ impl<D: Drives> Master<D> {
             self.program.state(),
             ProgramState::Running | ProgramState::Done
         ) {
-            self.program.end(false);
+            self.program.end(false, self.scan);
         }
         self.program.end_typed_blocks();
         Ok(())
@@ -198,7 +198,7 @@ impl<D: Drives> Master<D> {
         } else {
             self.auxiliary.discard_program();
         }
-        self.program.end(done);
+        self.program.end(done, self.scan);
         if self.program.is_typed() {
             // It was for them.
             self.modes.release();

@@ -26,6 +26,8 @@ pub(super) struct Loaded {
     run: u32,
     /// Typed-in blocks have its place.
     typed: Option<TypedBlocks>,
+    /// The first scan whose feedback shows that its last run is over.
+    over_from: u64,
 }
 
 /// Typed-in blocks: they begin as soon as they are read, and are never the program that `start` begins.
@@ -49,6 +51,7 @@ impl Loaded {
             state,
             run,
             typed: None,
+            over_from: 0,
         }
     }
 
@@ -86,6 +89,11 @@ impl Loaded {
         self.load
     }
 
+    /// Whether an answer is to a feedback that shows this program, and no run of it that is over since.
+    pub fn is_meant(&self, load: u32, scan: u64) -> bool {
+        load == self.load && scan >= self.over_from
+    }
+
     pub fn state(&self) -> ProgramState {
         self.state
     }
@@ -112,8 +120,9 @@ impl Loaded {
         self.run = self.run.saturating_add(1);
     }
 
-    /// It is over: done, or given up and loaded from its beginning.
-    pub fn end(&mut self, done: bool) {
+    /// It is over in this scan: done, or given up and loaded from its beginning.
+    pub fn end(&mut self, done: bool, scan: u64) {
+        self.over_from = scan.saturating_add(1);
         self.state = if done {
             ProgramState::Done
         } else {

@@ -1,7 +1,7 @@
 //! Start at a line: what stands before it is read and not travelled. The master is asked for the levels that it leaves, one after
 //! another, and then to begin at the place; the planned return to the path is the way there (docs/developers/architecture.md, "Events").
 
-use bus::sample::{Cause, EventCode, Feedback, ProgramEvent};
+use bus::sample::{EventCode, Feedback, ProgramEvent};
 
 use super::Planner;
 use crate::line_search::{LineError, LineSearch};
@@ -19,12 +19,11 @@ impl Planner {
             // It is read from its beginning once the place is known: its events are counted there.
             self.read_anew();
         }
-        if !situation.enabled || self.cause != Cause::None {
+        if !situation.enabled || self.trouble.is_some() {
             return;
         }
         if let Err(error) = self.seek(line, feedback) {
-            tracing::error!("{error}");
-            self.cause = Cause::Planner;
+            self.give_up(error);
         }
     }
 
@@ -44,7 +43,7 @@ impl Planner {
     pub(super) fn event_to_start(&self, feedback: &Feedback) -> Option<ProgramEvent> {
         let place = self.search.as_ref()?.found()?;
         let situation = Situation::of(feedback);
-        if self.cause != Cause::None || situation.hold || !situation.rests {
+        if self.trouble.is_some() || situation.hold || !situation.rests {
             return None;
         }
         let done = feedback.auxiliary.events_done;

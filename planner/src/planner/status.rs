@@ -1,6 +1,6 @@
 //! What a planner tells: where the path is, what happens there, what the program says, what it keeps at its end.
 
-use bus::sample::{Cause, EventCode, Feedback, PlannerStatus, ProgramEvent, ProgramState};
+use bus::sample::{EventCode, Feedback, PlannerStatus, ProgramEvent, ProgramState};
 use bus::user_codes::{CallId, UserCall};
 use path::profile::PathState;
 
@@ -65,7 +65,7 @@ impl Planner {
             return self.event_to_start(feedback);
         }
         let course = self.course.as_ref()?;
-        if self.cause != Cause::None {
+        if self.trouble.is_some() {
             return None;
         }
         let state = self.rests_on_path(feedback)?;
@@ -120,7 +120,7 @@ impl Planner {
             path_done_mm,
             incarnation: self.incarnation,
             finished: last.header.ends_program,
-            cause: self.cause as u32,
+            cause: self.cause() as u32,
             windows: self.sequence,
             load: self.load,
             line: self.line(feedback),

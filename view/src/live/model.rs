@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 
 use bus::member::Pace;
-use bus::messages::ProgramMessage;
+use bus::messages::{ProgramMessage, TROUBLE};
 use bus::sample::{
     AxisCommand, Cause, Feedback, Instruments, Job, MAX_SUBSAMPLES, Mode, Participant,
     PlannerStatus, ProgramState, Roster, STANDBY_ALARM_S,
@@ -137,7 +137,11 @@ impl Model {
     /// Takes what the program says; as an event if it has just said it.
     pub fn said(&mut self, scan: u64, message: ProgramMessage, just_now: bool) {
         if just_now {
-            let text = format!("the program says, line {}: {}", message.line, message.text);
+            let who = match message.number {
+                TROUBLE => "the planner",
+                _ => "the program",
+            };
+            let text = format!("{who} says, {message}");
             self.events.note(scan, Weight::Note, text);
         }
         if self.said.len() == SAID_KEPT {
@@ -378,11 +382,15 @@ impl Model {
         Some((line, program.block_text(line).unwrap_or_default().trim()))
     }
 
-    /// Where the program has given itself up, and what it said then.
+    /// What the program said where it has given itself up, or its planner where that cannot go on.
     pub fn given_up(&self) -> Option<String> {
-        let given_up = self.feedback.as_ref()?.cause == Cause::Abort as u32;
-        let said = self.said.back().filter(|_| given_up)?;
-        Some(format!("line {}: {}", said.line, said.text))
+        let said = self.said.back()?;
+        let by_planner = said.number == TROUBLE;
+        match Cause::from_wire(self.feedback.as_ref()?.cause)? {
+            Cause::Abort if !by_planner => Some(said.to_string()),
+            Cause::Planner if by_planner => Some(said.to_string()),
+            _ => None,
+        }
     }
 
     /// The state in words.

@@ -165,7 +165,9 @@ fn stopped(feedback: &Feedback, cause: Option<&str>) -> Says {
         true => "at rest beside the path, drives on",
         false => "at rest on the path, drives on",
     });
-    let next = if cause.is_some() {
+    let next = if cause.is_some() && feedback.load > 0 {
+        "cannot go on: look into the cause, `quadrant reset`, then start again"
+    } else if cause.is_some() {
         "cannot go on: end the run, look into the cause, start again"
     } else if feedback.load > 0 {
         "`quadrant resume` goes on; `load` gives the program up"

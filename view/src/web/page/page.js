@@ -138,7 +138,7 @@ function program(frame) {
   const key = messages.map(message => message.number).join();
   if ($("messages").dataset.key !== key) {
     $("messages").dataset.key = key;
-    $("messages").replaceChildren(...messages.slice(-2).map(message => element("li", `line ${message.line}: ${message.text}`)));
+    $("messages").replaceChildren(...messages.slice(-2).map(message => element("li", message.line ? `line ${message.line}: ${message.text}` : message.text)));
   }
 }
 
