@@ -32,6 +32,8 @@ struct Ports {
     planner: Reader<PlannerStatus>,
     roster: Reader<Roster>,
     newest_roster: Option<Roster>,
+    /// Commands that name another servo than the one whose place they came from.
+    misplaced: u64,
 }
 
 impl Ports {
@@ -39,6 +41,7 @@ impl Ports {
     fn failed(&self) -> u64 {
         let commands: u64 = self.commands.iter().flatten().map(Reader::failed).sum();
         commands
+            + self.misplaced
             + self.feedback.failed()
             + self.instruments.failed()
             + self.bus_cycle.as_ref().map_or(0, Reader::failed)
@@ -58,6 +61,7 @@ impl Ports {
             planner: bus.planner_reader(depth)?,
             roster: bus.roster_reader(depth)?,
             newest_roster: None,
+            misplaced: 0,
         })
     }
 
@@ -82,9 +86,13 @@ impl Ports {
             sinks.take(SampleRef::Instruments(&sample))?;
         }
         for (axis, roles) in self.commands.iter_mut().enumerate() {
-            for reader in roles {
+            for (role, reader) in roles.iter_mut().enumerate() {
                 while let Some(sample) = reader.next_held(scan) {
-                    sinks.take(SampleRef::Command(axis, &sample))?;
+                    if sample.role as usize == role {
+                        sinks.take(SampleRef::Command(axis, &sample))?;
+                    } else {
+                        self.misplaced += 1;
+                    }
                 }
             }
         }

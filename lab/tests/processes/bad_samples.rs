@@ -4,6 +4,7 @@ use bus::cell::CellPaths;
 use bus::service::Bus;
 use machine::Machine;
 use plant_sim::script::faults::Sent;
+use serde_json::Value;
 
 use crate::support::{Bench, LiveCell, Run, long_program, number, run, run_with, send, text};
 
@@ -198,6 +199,15 @@ fn any_number_of_a_command_wrong_changes_no_bit_where_a_standby_takes_over() {
     let report = with_faults(&bench, &faults).good_report();
     assert_eq!(text(&report, "/motion_digest"), undisturbed);
     assert_eq!(number(&report, "/axes/0/missed_scans"), 0.0);
+    nobody_died(&report);
+}
+
+/// Who only watches counts what is wrong and goes on: the log has every scan.
+fn nobody_died(report: &Value) {
+    for process in report["processes"].as_array().expect("processes") {
+        assert_eq!(process["starts"], 1, "{process}");
+    }
+    assert_eq!(report["missing_scans"].as_array().map_or(0, Vec::len), 0);
 }
 
 #[test]
@@ -219,6 +229,7 @@ fn any_number_of_a_window_or_a_status_wrong_ends_no_run_and_keeps_the_path() {
             number(&report, "/contour_error_um/peak") < 40.0,
             "{sent:?}: {report}"
         );
+        nobody_died(&report);
     }
 }
 
