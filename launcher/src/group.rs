@@ -274,8 +274,9 @@ pub struct Group {
 }
 
 /// The processors of a lockstep cell: that of the master and the planner, which works while the master waits; that of the servos, which
-/// hand over to each other there; and that of the recorder, the master's where there are two. Cells spread over the processors by the
-/// launcher's process id.
+/// hand over to each other there; and that of the recorder, the master's where there are two. On a busy PC nobody waits awake for long,
+/// and to wake a process on another processor costs more than on the same: there all but the recorder share one. Cells spread over the
+/// processors by the launcher's process id.
 fn lockstep_cores(pace: Pace) -> Option<[usize; 3]> {
     if pace != Pace::Lockstep {
         return None;
@@ -283,7 +284,19 @@ fn lockstep_cores(pace: Pace) -> Option<[usize; 3]> {
     let cores = realtime::processors();
     let first = std::process::id() as usize % cores.len().max(1);
     let mut from_first = cores.iter().cycle().skip(first).copied();
-    Some([from_first.next()?, from_first.next()?, from_first.next()?])
+    let of_master = from_first.next()?;
+    let of_answers = match runs_now() > cores.len() {
+        true => of_master,
+        false => from_first.next()?,
+    };
+    Some([of_master, of_answers, from_first.next()?])
+}
+
+/// Number of threads on this PC that run or could, this one among them.
+fn runs_now() -> usize {
+    let load = std::fs::read_to_string("/proc/loadavg").unwrap_or_default();
+    let running = load.split([' ', '/']).nth(3);
+    running.and_then(|word| word.parse().ok()).unwrap_or(1)
 }
 
 impl Group {
