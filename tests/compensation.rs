@@ -190,7 +190,7 @@ fn a_run_that_tripped_teaches_nothing() {
 #[test]
 fn learned_tables_that_cannot_be_are_refused_before_anything_starts() {
     let bench = Bench::of("xy", &[]);
-    let program = circle(&bench, 25.0, 3000.0);
+    let program = circle(&bench, 10.0, 3000.0);
     run_with(bench.path(), &program, &["--learn"]).good_report();
     let file = bench.path().join("learned.toml");
     let good = fs::read_to_string(&file).expect("learned.toml");

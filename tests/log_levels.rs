@@ -55,7 +55,7 @@ fn a_report_is_the_same_to_the_last_digit_from_control_and_full_and_never_a_wron
         ("xyz-mill", "Z-5", "servo-X", 500.0),
     ] {
         let turn = format!("G3 X25 Y0 I-25 J0 {down} F3000\n");
-        let text = format!("G21 G17 G90 G91.1 G94\nG0 X25 Y0\n{turn}{turn}{turn}M2\n");
+        let text = format!("G21 G17 G90 G91.1 G94\nG0 X25 Y0\n{turn}{turn}M2\n");
         std::fs::write(&program, text).expect("a program");
         let script =
             format!("[[fault]]\nat = {{ scan = 3000 }}\nprocess = \"{process}\"\ndo = \"kill\"\n");
@@ -93,7 +93,7 @@ fn a_report_is_the_same_to_the_last_digit_from_control_and_full_and_never_a_wron
 #[test]
 fn the_machine_file_says_what_is_recorded_and_the_command_line_has_the_last_word() {
     let bench = Bench::of("xy", &[("[scan]\n", "[log]\nlevel = \"axes\"\n\n[scan]\n")]);
-    let program = bench.file("circle.ngc", &circle_program(25.0, 3000.0, (0.0, 0.0), 0.0));
+    let program = bench.file("circle.ngc", &circle_program(5.0, 6000.0, (0.0, 0.0), 0.0));
     let level = |more: &[&str]| {
         let run = run_with(bench.path(), &program, more);
         text(&run.good_report(), "/log/level")

@@ -10,8 +10,8 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use crate::support::{
-    Bench, LiveCell, circle_program, long_program, quadrant, root, run_with, send, text, traces_of,
-    unique_cell,
+    Bench, LiveCell, circle_program, long_alone, long_program, quadrant, root, run_with, send,
+    text, traces_of, unique_cell,
 };
 use crate::tools::{says, tool};
 use monitor::quantities::OF_AXIS;
@@ -353,7 +353,7 @@ fn scrapes_in_a_tight_loop_and_a_client_that_reads_nothing_change_no_bit() {
         .lines()
         .find(|line| line.starts_with("G3"))
         .expect("a turn");
-    let program = turns.replace("M2\n", &format!("{}M2\n", format!("{once}\n").repeat(6)));
+    let program = turns.replace("M2\n", &format!("{}M2\n", format!("{once}\n").repeat(2)));
     let file = bench.file("program.ngc", &program);
     let alone = run_with(bench.path(), &file, &[]).good_report();
     let (cell, address) = serving(&bench, &program, "lockstep", &[]);
@@ -393,14 +393,12 @@ fn scrapes_in_a_tight_loop_and_a_client_that_reads_nothing_change_no_bit() {
 #[test]
 fn the_death_of_the_process_that_serves_metrics_changes_no_bit() {
     let bench = Bench::of("xy", &[]);
-    let program = bench.file("program.ngc", &long_program());
-    let alone = run_with(bench.path(), &program, &[]).good_report();
     let (cell, address) = serving(&bench, &long_program(), "lockstep", &[]);
     scrape(&address);
     send(cell.pid_of(" metrics "), libc::SIGKILL);
     let run = cell.finish().good_report();
     for digest in ["/motion_digest", "/digest"] {
-        assert_eq!(text(&alone, digest), text(&run, digest), "{digest}");
+        assert_eq!(text(long_alone(), digest), text(&run, digest), "{digest}");
     }
 }
 

@@ -8,7 +8,9 @@ use std::process::{Child, Stdio};
 use serde_json::Value;
 
 use crate::size;
-use crate::support::{Bench, LiveCell, Run, circle_program, long_program, quadrant, send, text};
+use crate::support::{
+    Bench, LiveCell, Run, circle_program, long_alone, long_program, quadrant, send, text,
+};
 
 /// Children that look on; dropping them ends them.
 struct Monitors(Vec<Child>);
@@ -61,23 +63,17 @@ fn watched(count: usize) -> (Run, Vec<Value>) {
     }
     let run = cell.finish();
     drop(monitors);
-    let lines = if count == 0 {
-        Vec::new()
-    } else {
-        let file = File::open(lines(0)).expect("its file");
-        let each = BufReader::new(file).lines().map_while(Result::ok);
-        // The last one may have been cut off.
-        each.filter_map(|line| serde_json::from_str(&line).ok())
-            .collect()
-    };
-    (run, lines)
+    let file = File::open(lines(0)).expect("its file");
+    let each = BufReader::new(file).lines().map_while(Result::ok);
+    // The last one may have been cut off.
+    let lines = each.filter_map(|line| serde_json::from_str(&line).ok());
+    (run, lines.collect())
 }
 
 #[test]
 fn monitors_and_one_of_them_that_is_stopped_change_no_bit_of_the_motion() {
-    let (alone, _) = watched(0);
-    let digest = text(&alone.good_report(), "/motion_digest");
-    let whole = text(&alone.good_report(), "/digest");
+    let digest = text(long_alone(), "/motion_digest");
+    let whole = text(long_alone(), "/digest");
     for count in size::one_in(2, [4, 1]) {
         let (run, lines) = watched(count);
         assert_eq!(

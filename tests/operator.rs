@@ -7,7 +7,9 @@ use bus::sample::{AxisCommand, Driver, Feedback, Hand, Mode};
 use loops::changeover::Phase;
 use monitor::log::{Reader, Sample};
 
-use crate::support::{Bench, LiveCell, Run, circle_program, long_program, number, quadrant, text};
+use crate::support::{
+    Bench, LiveCell, Run, circles_each_way, long_program, number, quadrant, text,
+};
 
 /// Programmed end of the circles below, in increments of 1 nm.
 const END: [i64; 2] = [25_000_000, 0];
@@ -19,7 +21,10 @@ fn bench(edits: &[(&str, &str)]) -> (Bench, std::path::PathBuf) {
     let standby = "drive_mode = \"velocity\"\nstandby = true";
     let standby = [("drive_mode = \"velocity\"", standby)];
     let bench = Bench::of("xy", &[edits, &standby].concat());
-    let program = bench.file("circle.ngc", &circle_program(25.0, 3000.0, (0.0, 0.0), 0.0));
+    let program = bench.file(
+        "circle.ngc",
+        &circles_each_way(1, 25.0, 3000.0, (0.0, 0.0), 0.0),
+    );
     (bench, program)
 }
 
@@ -285,7 +290,10 @@ fn a_hold_on_the_way_back_a_second_jog_and_a_jog_before_the_start_still_end_at_t
 fn in_torque_mode_jog_and_resume_work_the_same() {
     let standby = "drive_mode = \"torque\"\nstandby = true";
     let bench = Bench::of("xy-torque", &[("drive_mode = \"torque\"", standby)]);
-    let program = bench.file("circle.ngc", &circle_program(25.0, 3000.0, (0.0, 0.0), 0.0));
+    let program = bench.file(
+        "circle.ngc",
+        &circles_each_way(1, 25.0, 3000.0, (0.0, 0.0), 0.0),
+    );
     let scans_per_ms = 4;
     let list: Vec<(u64, &str, &str)> = JOG
         .into_iter()

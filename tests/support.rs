@@ -1,10 +1,10 @@
 //! Runs cells for tests: each with its own name, ended and cleaned up whatever happens.
 
 use std::fs;
-use std::os::unix::process::CommandExt as _;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::{Once, OnceLock};
 use std::time::{Duration, Instant};
 
 use bus::cell::CellPaths;
@@ -131,19 +131,25 @@ pub const QUADRANT: Option<&str> = match option_env!("CARGO_BIN_EXE_quadrant") {
 pub fn quadrant() -> Command {
     let mut command = Command::new(QUADRANT.expect("a command to test"));
     command.current_dir(root()).stdin(Stdio::null());
-    hear_hangups(&mut command);
+    hear_hangups();
     command
 }
 
-/// Lets it end at a hangup, even where the tests themselves were started with `nohup`.
-fn hear_hangups(command: &mut Command) {
-    let hear = || {
-        // SAFETY: a plain system call, allowed between fork and exec.
-        unsafe { libc::signal(libc::SIGHUP, libc::SIG_DFL) };
-        Ok(())
-    };
-    // SAFETY: the closure makes one system call and allocates nothing.
-    unsafe { command.pre_exec(hear) };
+/// Lets what is started from here end at a hangup, even where the tests themselves were started with `nohup`: a signal that is ignored
+/// stays so in children, one with a handler does not. Without a closure in each child it can be started without a copy of this process.
+fn hear_hangups() {
+    extern "C" fn stay(_: libc::c_int) {}
+    static ONCE: Once = Once::new();
+    ONCE.call_once(|| {
+        // SAFETY: plain system calls; the handler does nothing.
+        unsafe {
+            let mut now: libc::sigaction = std::mem::zeroed();
+            libc::sigaction(libc::SIGHUP, std::ptr::null(), &mut now);
+            if now.sa_sigaction == libc::SIG_IGN {
+                libc::signal(libc::SIGHUP, stay as *const () as libc::sighandler_t);
+            }
+        }
+    });
 }
 
 /// What `quadrant plan` prints.
@@ -490,6 +496,16 @@ pub fn endless_program() -> String {
     circles_program(3000)
 }
 
+/// The report of the long program on `xy` in lockstep with nobody else in its cell: one run for all tests that compare theirs with it.
+pub fn long_alone() -> &'static Value {
+    static ALONE: OnceLock<Value> = OnceLock::new();
+    ALONE.get_or_init(|| {
+        let bench = Bench::of("xy", &[]);
+        let program = bench.file("long.ngc", &long_program());
+        run(bench.path(), program).good_report()
+    })
+}
+
 /// So many full circles.
 pub fn circles_program(count: usize) -> String {
     let once = circle_program(25.0, 3000.0, (0.0, 0.0), 0.0);
@@ -505,16 +521,25 @@ pub fn circles_program(count: usize) -> String {
 
 /// Full circles with a run-in, around a centre, from a start angle: ccw twice, then cw twice.
 pub fn circle_program(radius: f64, feed: f64, centre: (f64, f64), start_deg: f64) -> String {
+    circles_each_way(2, radius, feed, centre, start_deg)
+}
+
+/// The same, so many times ccw, then cw: once shows all that circles do where nothing is measured at steady reversals.
+pub fn circles_each_way(
+    times: usize,
+    radius: f64,
+    feed: f64,
+    centre: (f64, f64),
+    start_deg: f64,
+) -> String {
     let angle = start_deg.to_radians();
     let (dx, dy) = (radius * angle.cos(), radius * angle.sin());
     let (x, y) = (centre.0 + dx, centre.1 + dy);
     let turn = |g: &str| format!("{g} X{x:.5} Y{y:.5} I{:.5} J{:.5} F{feed}\n", -dx, -dy);
     format!(
-        "G21 G17 G90 G94\nG0 X{x:.5} Y{y:.5}\nG4 P0.2\n{}{}G4 P0.2\n{}{}G4 P0.2\nM2\n",
-        turn("G3"),
-        turn("G3"),
-        turn("G2"),
-        turn("G2")
+        "G21 G17 G90 G94\nG0 X{x:.5} Y{y:.5}\nG4 P0.2\n{}G4 P0.2\n{}G4 P0.2\nM2\n",
+        turn("G3").repeat(times),
+        turn("G2").repeat(times)
     )
 }
 
