@@ -53,7 +53,8 @@ pub fn scan(options: &ScanOptions, figures: &mut Figures) -> Outcome {
         }
     }
     let mut costs = Vec::new();
-    for part in Part::ALL {
+    let is_asked = |part: &Part| options.part.is_none_or(|only| only == *part);
+    for part in Part::ALL.into_iter().filter(is_asked) {
         if signals.count() > 0 {
             return Err(Failure::Interrupted);
         }

@@ -151,6 +151,9 @@ pub struct ScanOptions {
     /// Write the counts of now into the file
     #[arg(long)]
     pub renew: bool,
+    /// This part alone
+    #[arg(long, conflicts_with_all = ["check", "renew"])]
+    pub part: Option<Part>,
 }
 
 /// What `quadrant-lab bench-scan-part` takes.
