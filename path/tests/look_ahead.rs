@@ -187,11 +187,13 @@ proptest! {
         let corner_mm = if smooth { 0.02 } else { 0.0 };
         let tolerance = PathTolerance { corner_mm, chord_mm: 0.0 };
         let elements = of_all_lengths(seed, size::number("ELEMENTS", 18_000, 25_000) as usize, tolerance);
-        let mut reading = Reading::new(&elements, &limits);
         let most = size::number("SETPOINTS", 8_000, 30_000) as usize;
-        let found = travel(&mut reading, most);
-        let mut of_whole = Reading { planner: whole(&elements, &limits), elements: &[] };
-        let expected = travel(&mut of_whole, most);
+        let (found, expected) = std::thread::scope(|scope| {
+            let found = scope.spawn(|| travel(&mut Reading::new(&elements, &limits), most));
+            let mut of_whole = Reading { planner: whole(&elements, &limits), elements: &[] };
+            let expected = travel(&mut of_whole, most);
+            (found.join().expect("a path that is read"), expected)
+        });
         for (found, expected) in found.iter().zip(&expected) {
             prop_assert_eq!(found, expected);
         }
