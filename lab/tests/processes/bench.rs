@@ -122,7 +122,7 @@ const BENCHES: [Known; 13] = [
     },
     Known {
         name: "lockstep",
-        short: Some("hand-overs by a bare ring of"),
+        short: Some("hand-overs by bare rings of"),
         long: &["--rounds", "1000"],
         roles: &["quadrant bench-pong"],
     },

@@ -20,7 +20,7 @@ use console::signals::Signals;
 /// Longest wait for the cell.
 const PATIENCE: Duration = Duration::from_secs(10);
 /// Longest wait for the others to leave it.
-const LEAVE_LIMIT: Duration = Duration::from_secs(1);
+const LEAVE_LIMIT: Duration = Duration::from_secs(10);
 /// How often it is looked for.
 const LOOK: Duration = Duration::from_millis(2);
 
