@@ -19,6 +19,7 @@ pub mod cell;
 pub mod drive_codes;
 pub mod drive_page;
 mod error;
+pub mod files;
 pub mod kept_parameters;
 pub mod lateness;
 pub mod layout;

@@ -1,11 +1,12 @@
 //! What outlives a run, in files of the user: parameters that programs keep, work offsets, the tool table.
 
-use std::fs::{self, File, TryLockError};
+use std::fs::{self, TryLockError};
 use std::io;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use bus::cell::CellPaths;
+use bus::files::open_lock;
 use bus::kept_parameters::{KeptFile, kept_file, name_kept_file, text_of_run};
 use bus::sample::Auxiliaries;
 
@@ -324,9 +325,7 @@ fn update(
     let leads_to = fs::canonicalize(file).unwrap_or_else(|_| file.to_path_buf());
     let name = leads_to.file_name().unwrap_or_default().to_string_lossy();
     let lock = leads_to.with_file_name(format!(".{name}.lock"));
-    let mut options = File::options();
-    let lock = options.create(true).truncate(false).write(true).open(lock);
-    let lock = lock.map_err(failed)?;
+    let lock = open_lock(&lock).map_err(|error| of_file(&lock, &error))?;
     let asked = Instant::now();
     while let Err(error) = lock.try_lock() {
         match error {

@@ -7,6 +7,8 @@ use std::os::unix::fs::{OpenOptionsExt, PermissionsExt};
 use std::path::Path;
 
 use anyhow::{Context, bail};
+use bus::files::open_regular;
+use rustix::fs::OFlags;
 
 /// Variable in which the launcher gives it to the page's process: nobody but the same user can read that of a process.
 pub const TOKEN_VARIABLE: &str = "QUADRANT_WEB_TOKEN";
@@ -62,7 +64,8 @@ impl Token {
             Err(error) => return Err(error).with_context(|| format!("--token {shown}")),
         }
         let mut text = String::new();
-        let old = File::open(file).with_context(|| format!("--token {shown}"))?;
+        let old = open_regular(file, File::options().read(true), OFlags::empty());
+        let old = old.with_context(|| format!("--token {shown}"))?;
         let mode = old.metadata()?.permissions().mode();
         if mode & 0o077 != 0 {
             bail!(
@@ -139,5 +142,12 @@ mod tests {
         assert!(refused("short", 0o600).contains("16 to 256 characters, not 5"));
         assert!(refused("0123456789 abcdef", 0o600).contains("has no ' '"));
         assert!(refused("", 0o600).contains("not 0"));
+        // Nobody waits for a writer at a pipe.
+        std::fs::remove_file(&file).expect("it was there");
+        let mode = rustix::fs::Mode::RUSR | rustix::fs::Mode::WUSR;
+        let fifo = rustix::fs::FileType::Fifo;
+        rustix::fs::mknodat(rustix::fs::CWD, &file, fifo, mode, 0).expect("a pipe");
+        let refused = format!("{:#}", Token::of_file(&file).expect_err("refused"));
+        assert!(refused.contains("no regular file"), "{refused}");
     }
 }

@@ -1,0 +1,81 @@
+//! Opens files that others may have put something else in the place of: without waiting, and only what is a file.
+
+use std::fs::{File, OpenOptions, Permissions};
+use std::io;
+use std::os::unix::fs::{MetadataExt, OpenOptionsExt, PermissionsExt};
+use std::path::Path;
+
+use rustix::fs::OFlags;
+use rustix::process::geteuid;
+
+/// Opens a regular file; nobody waits at a pipe for its other end.
+///
+/// # Errors
+/// It cannot be opened, or it is something else.
+pub fn open_regular(path: &Path, options: &mut OpenOptions, flags: OFlags) -> io::Result<File> {
+    let flags = (flags | OFlags::NONBLOCK).bits() as i32;
+    let file = options.custom_flags(flags).open(path)?;
+    if !file.metadata()?.is_file() {
+        let what = "is no regular file: remove it";
+        return Err(io::Error::new(io::ErrorKind::InvalidInput, what));
+    }
+    Ok(file)
+}
+
+/// Opens a file to be locked, which is made if there is none, for its owner alone: whoever may open it can keep it locked.
+///
+/// # Errors
+/// As [`open_regular`]; or it is a link.
+pub fn open_lock(path: &Path) -> io::Result<File> {
+    let mut options = File::options();
+    options.create(true).truncate(false).write(true).mode(0o600);
+    let file = open_regular(path, &mut options, OFlags::NOFOLLOW)?;
+    let found = file.metadata()?;
+    let is_open_to_others = found.permissions().mode() & 0o077 != 0;
+    if is_open_to_others && found.uid() == geteuid().as_raw() {
+        file.set_permissions(Permissions::from_mode(0o600))?;
+    }
+    Ok(file)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use rustix::fs::{CWD, FileType, Mode, mknodat};
+
+    use super::*;
+
+    #[test]
+    fn a_lock_is_its_owners_alone_and_nothing_but_a_file_is_one() {
+        let folder = std::env::temp_dir().join(format!("quadrant-files-{}", std::process::id()));
+        fs::create_dir(&folder).expect("a folder");
+        let mode = |name: &str| fs::metadata(folder.join(name)).map(|found| found.mode() & 0o777);
+        let lock = |name: &str| open_lock(&folder.join(name));
+        lock("new").expect("it is made");
+        assert_eq!(mode("new").expect("it is there"), 0o600);
+        fs::write(folder.join("old"), "").expect("a file");
+        fs::set_permissions(folder.join("old"), Permissions::from_mode(0o644)).expect("its mode");
+        lock("old").expect("it is closed to others");
+        assert_eq!(mode("old").expect("it is there"), 0o600);
+        mknodat(
+            CWD,
+            folder.join("pipe"),
+            FileType::Fifo,
+            Mode::RUSR | Mode::WUSR,
+            0,
+        )
+        .expect("a pipe");
+        std::os::unix::fs::symlink("new", folder.join("link")).expect("a link");
+        for name in ["pipe", "link", "."] {
+            assert!(lock(name).is_err(), "{name}");
+        }
+        let read = open_regular(
+            &folder.join("pipe"),
+            File::options().read(true),
+            OFlags::empty(),
+        );
+        assert!(read.is_err_and(|error| error.to_string().contains("no regular file")));
+        let _ = fs::remove_dir_all(&folder);
+    }
+}
