@@ -40,6 +40,13 @@ fn machine(more: &[(&str, &str)]) -> (Bench, PathBuf) {
         ),
         ("M105", String::new(), 0o644),
         ("M107", format!("sleep 600 & echo $! > {at}"), 0o755),
+        (
+            "M108",
+            format!(
+                "ls /proc/self/fd | wc -l > {at}; setsid -f sh -c 'echo $$ >> {at}; exec sleep 600'; sleep 0.2"
+            ),
+            0o755,
+        ),
         ("M106", format!("echo $$ > {at}; exec sleep 600"), 0o755),
     ] {
         let file = folder.join(name);
@@ -134,6 +141,21 @@ fn what_one_leaves_running_ends_with_it() {
     let program = bench.file("left.ngc", "G21 G90 G1 X5 F3000\nM107\nG1 X0\nM2\n");
     completed(&run(bench.path(), &program));
     let pid = said(&file).trim().parse().expect("a process id");
+    assert!(!is_alive(pid), "{pid} still runs");
+}
+
+#[test]
+fn what_has_left_its_session_ends_with_it_too_and_nothing_of_the_cell_is_open_in_it() {
+    let (bench, file) = machine(&[]);
+    let program = bench.file("left.ngc", "G21 G90 G1 X5 F3000\nM108\nG1 X0\nM2\n");
+    completed(&run(bench.path(), &program));
+    let said = said(&file);
+    let mut lines = said
+        .lines()
+        .map(|line| line.trim().parse::<i32>().expect("a number"));
+    // Its standard streams, and the folder that `ls` reads.
+    assert_eq!(lines.next(), Some(4), "{said}");
+    let pid = lines.next().expect("it has begun");
     assert!(!is_alive(pid), "{pid} still runs");
 }
 

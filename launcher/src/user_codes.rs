@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::bail;
 use bus::cell::CellPaths;
-use bus::process::end_with_parent;
+use bus::process::{end_all_with, end_with_parent, keep_files_back};
 use bus::user_codes::{self, CallEnd, CallId, UserCall};
 use machine::Machine;
 use program::{EventKind, Program};
@@ -15,6 +15,9 @@ use rustix::fs::Access;
 use rustix::process::{Pid, Signal, WaitId, WaitIdOptions, kill_process_group, waitid};
 
 use console::logs;
+
+/// Name of the variable that tells a call, and all that it starts, from other processes.
+const MARK: &str = "QUADRANT_USER_CODE";
 
 /// Where they lie, and the one that runs.
 pub struct UserCodes {
@@ -78,6 +81,8 @@ impl UserCodes {
             // Ctrl-C goes to the launcher alone.
             .process_group(0);
         end_with_parent(&mut command, Signal::KILL);
+        keep_files_back(&mut command);
+        command.env(MARK, mark(&call));
         let (p, q, line) = (call.p, call.q, call.line);
         tracing::info!("line {line}: {name} runs, P {p} Q {q}");
         match command.spawn() {
@@ -106,13 +111,21 @@ impl UserCodes {
         }
     }
 
-    /// Ends what runs, with all that it has started and that did not leave its group. As long as it is not reaped, nobody else has its number.
+    /// Ends what runs, with all that it has started. As long as it is not reaped, nobody else has its number.
     fn end_running(&mut self) -> Option<ExitStatus> {
         let mut running = self.running.take()?;
         let group = Pid::from_child(&running.child);
         let _ = kill_process_group(group, Signal::KILL);
-        running.child.wait().ok()
+        let status = running.child.wait().ok();
+        end_all_with(MARK, &mark(&running.call));
+        status
     }
+}
+
+/// What a call and all that it starts have in their environment.
+fn mark(call: &UserCall) -> String {
+    let CallId { load, run, event } = call.id;
+    format!("{}-{load}-{run}-{event}", std::process::id())
 }
 
 impl Running {
