@@ -328,3 +328,36 @@ fn a_link_in_the_place_of_the_cell_is_refused_and_what_it_points_to_stays() {
         .collect();
     assert_eq!(left.len(), 1, "{left:?}");
 }
+
+/// Whoever sends a program names its file: the terminal obeys nothing of that.
+#[test]
+fn no_name_of_a_program_is_obeyed_by_the_terminal() {
+    let bench = Bench::of("xy", &[]);
+    let good = bench.file("good\u{1b}[31m.ngc", "G21 G90 F100\nG1 X5\nM2\n");
+    let bad = bench.file("bad\u{1b}]0;owned\u{7}.ngc", "G9999\nM2\n");
+    let none = bench.path().join("none\u{1b}[2J.ngc");
+    let out = bench.path().join("out");
+    for (command, program) in [
+        ("check", &good),
+        ("check", &bad),
+        ("check", &none),
+        ("run", &good),
+    ] {
+        let mut quadrant = quadrant();
+        quadrant.arg(command).arg(bench.path()).arg(program);
+        if command == "run" {
+            quadrant.args(["--pace", "lockstep", "--cell", &unique_cell(), "--out"]);
+            quadrant.arg(&out);
+        }
+        let printed = quadrant.output().expect("a command");
+        for bytes in [&printed.stdout, &printed.stderr] {
+            let text = String::from_utf8_lossy(bytes);
+            let obeyed = text.find(|c: char| c.is_control() && c != '\n' && c != '\t');
+            assert!(
+                obeyed.is_none(),
+                "{command} {}: {text:?}",
+                program.display()
+            );
+        }
+    }
+}

@@ -107,7 +107,7 @@ pub fn code(outcome: Outcome) -> ExitCode {
     };
     if let Some(error) = error {
         let line = format!("quadrant: {}\n", words_and_hint(&error));
-        output::print(Stream::Err, line.as_bytes());
+        output::print(Stream::Err, output::plain_lines(&line).as_bytes());
     }
     output::flush();
     ExitCode::from(status)

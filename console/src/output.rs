@@ -50,9 +50,15 @@ pub fn plain(text: &str) -> String {
     text.replace(char::is_control, " ")
 }
 
+/// The same of lines.
+pub fn plain_lines(text: &str) -> String {
+    let is_obeyed = |c: char| c.is_control() && c != '\n' && c != '\t';
+    text.replace(is_obeyed, " ")
+}
+
 /// Writes one text and a line end to standard output.
 pub fn say(text: &str) {
-    print(Stream::Out, format!("{text}\n").as_bytes());
+    print(Stream::Out, (plain_lines(text) + "\n").as_bytes());
 }
 
 /// Notes that standard output did not take something. Whoever reads a pipe may close it, and a terminal may go: neither is a failure.
