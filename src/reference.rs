@@ -10,6 +10,8 @@ use plant_sim::plant_file;
 const COLUMNS: usize = 120;
 /// What stands for a name that is free.
 const ANY_NAME: &str = "NAME";
+/// So many words of a key are listed at most.
+const LISTED_MAX: usize = 22;
 
 /// What a settings file may hold: its name in the commands and in the book, what stands before the keys, and its schema.
 pub fn settings_files() -> [(&'static str, &'static str, Schema); 3] {
@@ -131,10 +133,14 @@ fn range(of_key: KeySchema<'_>) -> String {
         Kind::Flag => "`true` or `false`".into(),
         Kind::Text => {
             let words = of_key.words();
-            let words: Vec<String> = words
+            let mut words: Vec<String> = words
                 .iter()
                 .map(|word| format!("`\"{}\"`", word.word))
                 .collect();
+            // Names that are counted are known by the first ones and the last.
+            if words.len() > LISTED_MAX {
+                words.splice(LISTED_MAX - 2..words.len() - 1, ["…".into()]);
+            }
             words.join(", ")
         }
         Kind::List => {

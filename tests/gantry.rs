@@ -295,9 +295,9 @@ fn tables_um(run: &Run) -> Vec<(u64, f64)> {
     let samples = Reader::open(&run.out.join("run.mcap")).expect("the log");
     let tables = samples.filter_map(|sample| match sample {
         Ok(Sample::Instruments(sample)) => {
-            let last = sample.subsamples as usize - 1;
-            let [x, _, x2, ..] = &sample.table_mm;
-            Some((sample.scan, (x2[last] - x[last]) * 1e3))
+            let tables_mm = sample.places_mm(sample.last()?, |axis| &axis.table_mm);
+            let [x, _, x2, ..] = tables_mm;
+            Some((sample.scan, (x2 - x) * 1e3))
         }
         _ => None,
     });

@@ -36,6 +36,7 @@ mod linearizable;
 mod liveness;
 mod log_levels;
 mod long_programs;
+mod many_axes;
 mod mdi;
 mod messages;
 mod metrics;

@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
-use bus::sample::{AnswerOutcome, MAX_AXES};
+use bus::sample::{AnswerOutcome, PATH_AXES};
 use monitor::log::{RunLog, Sample};
 
 use crate::size;
@@ -67,14 +67,14 @@ M2
 #[derive(Debug, Default, PartialEq)]
 struct Seen {
     /// Number, outcome and tripped place of each answer.
-    answers: Vec<(u32, u32, [i64; MAX_AXES])>,
+    answers: Vec<(u32, u32, [i64; PATH_AXES])>,
     /// Scans in which they were first shown.
     scans: Vec<u64>,
     /// Digital outputs, every time they changed.
     outputs: Vec<u64>,
     /// Events that were undone.
     undone: usize,
-    end: [i64; MAX_AXES],
+    end: [i64; PATH_AXES],
 }
 
 fn seen(run_dir: &Path) -> Seen {
@@ -101,7 +101,7 @@ fn seen(run_dir: &Path) -> Seen {
         }
         let before = std::mem::replace(&mut done, feedback.auxiliary.events_done);
         seen.undone += usize::from(before > done);
-        seen.end = feedback.axes.map(|axis| axis.command_position);
+        seen.end = feedback.path_positions();
     }
     seen
 }

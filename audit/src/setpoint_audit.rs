@@ -2,7 +2,7 @@
 //! how setpoints were planned.
 use thiserror::Error;
 
-use path::geometry::{Element, MAX_AXES};
+use path::geometry::{Element, PATH_AXES};
 use path::limits::MotionLimits;
 use path::path_part::PathPart;
 
@@ -81,11 +81,11 @@ pub enum SetpointFault {
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct LimitShares {
     /// Of each axis' speed.
-    pub velocity: [f64; MAX_AXES],
+    pub velocity: [f64; PATH_AXES],
     /// Of each axis' acceleration.
-    pub acceleration: [f64; MAX_AXES],
+    pub acceleration: [f64; PATH_AXES],
     /// Of each axis' jerk; 0 where it is not limited.
-    pub jerk: [f64; MAX_AXES],
+    pub jerk: [f64; PATH_AXES],
 }
 
 impl LimitShares {
@@ -105,24 +105,24 @@ impl LimitShares {
 pub struct SetpointAudit {
     limits: MotionLimits,
     /// The two setpoints before.
-    before: [[i64; MAX_AXES]; 2],
+    before: [[i64; PATH_AXES]; 2],
     /// How much each axis changed its way before; unknown in the first scan after setpoints in motion.
-    change_before: Option<[i64; MAX_AXES]>,
+    change_before: Option<[i64; PATH_AXES]>,
     setpoints: u64,
     shares: LimitShares,
 }
 
 impl SetpointAudit {
     /// Starts at rest.
-    pub fn at_rest(limits: MotionLimits, position_increments: [i64; MAX_AXES]) -> Self {
+    pub fn at_rest(limits: MotionLimits, position_increments: [i64; PATH_AXES]) -> Self {
         Self {
-            change_before: Some([0; MAX_AXES]),
+            change_before: Some([0; PATH_AXES]),
             ..Self::after(limits, [position_increments; 2])
         }
     }
 
     /// Starts in motion, after two setpoints, the older first.
-    pub fn after(limits: MotionLimits, before: [[i64; MAX_AXES]; 2]) -> Self {
+    pub fn after(limits: MotionLimits, before: [[i64; PATH_AXES]; 2]) -> Self {
         Self {
             limits,
             before,
@@ -133,11 +133,14 @@ impl SetpointAudit {
     }
 
     /// Judges the next setpoint. It counts as executed even if it is at fault.
-    pub fn setpoint(&mut self, position_increments: &[i64; MAX_AXES]) -> Result<(), SetpointFault> {
+    pub fn setpoint(
+        &mut self,
+        position_increments: &[i64; PATH_AXES],
+    ) -> Result<(), SetpointFault> {
         let period_s = self.limits.scan_period_s();
         let [oldest, before] = self.before;
         let mut fault = None;
-        let mut changes = [0; MAX_AXES];
+        let mut changes = [0; PATH_AXES];
         for (axis, limit) in self.limits.axes().iter().enumerate() {
             let (Some(now), Some(before), Some(oldest)) = (
                 position_increments.get(axis),
@@ -246,7 +249,7 @@ impl SetpointAudit {
 
     /// Judges a setpoint by the line between the rounded ends of its element, in whole numbers and not by the line's own block:
     /// (y − y_start)·Δx and (x − x_start)·Δy are less than |Δx| apart.
-    fn on_line(&self, element: &Element, place: &[i64; MAX_AXES]) -> Result<(), SetpointFault> {
+    fn on_line(&self, element: &Element, place: &[i64; PATH_AXES]) -> Result<(), SetpointFault> {
         let setpoint = self.setpoints.saturating_sub(1);
         let from = self.limits.increments(&element.start());
         let to = self.limits.increments(&element.end());

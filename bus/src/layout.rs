@@ -51,8 +51,10 @@ pub enum Cut {
     Whole,
     /// One element per axis of the machine.
     Axes,
-    /// One row per axis, one element per instrument sample within a scan.
-    AxesAndSubsamples,
+    /// One element per axis of the machine that programs move.
+    PathAxes,
+    /// One element per instrument sample within a scan.
+    Subsamples,
 }
 
 /// One field.

@@ -19,9 +19,12 @@ mod inputs;
 mod order;
 
 /// The most axes one cell can have.
-pub const MAX_AXES: usize = 8;
-/// The most processes a roster can name.
-pub const MAX_PARTICIPANTS: usize = 24;
+pub const MAX_AXES: usize = 32;
+/// The most of them that a program can move: the first ones, each with a letter. Arrays of so many are by place on the path, which is
+/// the index of such an axis; `path::geometry::PATH_AXES` is the same number.
+pub const PATH_AXES: usize = 8;
+/// The most processes a roster can name: two servos for each axis, and the others.
+pub const MAX_PARTICIPANTS: usize = 2 * MAX_AXES + 8;
 /// The most instrument samples within one scan (one every 250 µs, scans of at most 2 ms).
 pub const MAX_SUBSAMPLES: usize = 8;
 /// The most setpoints one window can carry.
@@ -93,12 +96,12 @@ impl PathTag {
 #[type_name("quadrant/Setpoint/1")]
 #[repr(C)]
 pub struct Setpoint {
-    /// Position of every axis, in increments.
-    pub position: [i64; MAX_AXES],
+    /// Position of every axis of the path, in increments; second motors of gantries go by that of their axis.
+    pub position: [i64; PATH_AXES],
     /// Where on the path this is.
     pub tag: PathTag,
 }
-table!(Setpoint: position @ Axes, tag);
+table!(Setpoint: position @ PathAxes, tag);
 
 /// What stands before the setpoints of a window.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
@@ -424,7 +427,7 @@ impl Hand {
 
 /// What the master says each scan.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend)]
-#[type_name("quadrant/Feedback/10")]
+#[type_name("quadrant/Feedback/11")]
 #[repr(C)]
 pub struct Feedback {
     /// Number of the scan that begins with this sample.
@@ -446,7 +449,7 @@ pub struct Feedback {
     /// First scan with the cause below.
     pub cause_scan: u64,
     /// Command positions that the program was started from: its path is expanded from there, by every planner of this run.
-    pub program_start: [i64; MAX_AXES],
+    pub program_start: [i64; PATH_AXES],
     /// Setpoint of the window being executed in this scan.
     pub setpoint: u32,
     /// 1 once that setpoint is the window's last: the machine is commanded to rest.
@@ -481,8 +484,8 @@ pub struct Feedback {
     pub messages: u32,
     /// 1 while the machine rests as orders to move or let go an axis want it.
     pub rested: u32,
-    /// Kept zero.
-    pub reserved: u32,
+    /// Axes in use that programs move: the first ones.
+    pub path_axes: u32,
     /// Spindle, coolant, outputs, tool and stops.
     pub auxiliary: Auxiliaries,
     /// The answer to what the program asked last.
@@ -495,13 +498,13 @@ pub struct Feedback {
     pub checksum: u64,
 }
 table!(
-    Feedback: scan, visible_from, window, armed, voided, program_hash, tag, interrupted_at, cause_scan, program_start @ Axes, setpoint, at_rest, epoch, incarnation, mode,
-    cause, cause_axis, override_percent, hold, last, overrun_scans, axis_count, load, program, run, messages, rested, reserved, auxiliary, answer, inputs, axes @ Axes, checksum,
+    Feedback: scan, visible_from, window, armed, voided, program_hash, tag, interrupted_at, cause_scan, program_start @ PathAxes, setpoint, at_rest, epoch, incarnation, mode,
+    cause, cause_axis, override_percent, hold, last, overrun_scans, axis_count, load, program, run, messages, rested, path_axes, auxiliary, answer, inputs, axes @ Axes, checksum,
 );
 
 /// What only an instrument could see: the bench's ball-bar and grid encoder, not for any controller.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend)]
-#[type_name("quadrant/Instruments/1")]
+#[type_name("quadrant/Instruments/2")]
 #[repr(C)]
 pub struct Instruments {
     /// The scan these were taken in.
@@ -516,15 +519,24 @@ pub struct Instruments {
     pub subsamples: u32,
     /// Axes in use.
     pub axis_count: u32,
-    /// Table position in mm, per axis and subsample.
-    pub table_mm: [[f64; MAX_SUBSAMPLES]; MAX_AXES],
-    /// Motor position in mm at the table side of the lead, per axis and subsample.
-    pub motor_mm: [[f64; MAX_SUBSAMPLES]; MAX_AXES],
+    /// Per axis.
+    pub axes: [AxisInstruments; MAX_AXES],
 }
 table!(
-    Instruments: scan, visible_from, motion_digest_high, motion_digest_low, subsamples, axis_count,
-    table_mm @ AxesAndSubsamples, motor_mm @ AxesAndSubsamples,
+    Instruments: scan, visible_from, motion_digest_high, motion_digest_low, subsamples, axis_count, axes @ Axes,
 );
+
+/// What instruments see of one axis in a scan.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
+#[type_name("quadrant/AxisInstruments/1")]
+#[repr(C)]
+pub struct AxisInstruments {
+    /// Table position in mm, per subsample.
+    pub table_mm: [f64; MAX_SUBSAMPLES],
+    /// Motor position in mm at the table side of the lead, per subsample.
+    pub motor_mm: [f64; MAX_SUBSAMPLES],
+}
+table!(AxisInstruments: table_mm @ Subsamples, motor_mm @ Subsamples);
 
 impl Instruments {
     /// The master's running digest.
@@ -721,8 +733,8 @@ table!(
 );
 
 /// Who takes part: published by the launcher, which learns of deaths from the kernel.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable, ZeroCopySend)]
-#[type_name("quadrant/Roster/3")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable, ZeroCopySend)]
+#[type_name("quadrant/Roster/4")]
 #[repr(C)]
 pub struct Roster {
     /// Counted from 1.
@@ -736,10 +748,23 @@ pub struct Roster {
 }
 table!(Roster: version, visible_from, participants, checksum);
 
+impl Default for Roster {
+    fn default() -> Roster {
+        Roster::zeroed()
+    }
+}
+
 impl Roster {
+    /// The places that somebody has or had: the first ones.
+    pub fn places(&self) -> &[Participant] {
+        let used = self.participants.iter().position(|place| place.job == 0);
+        let used = used.unwrap_or(self.participants.len());
+        self.participants.get(..used).unwrap_or(&self.participants)
+    }
+
     /// The participant in this place, if there is one.
     pub fn find(&self, job: Job, axis: usize, role: u32) -> Option<&Participant> {
-        self.participants
+        self.places()
             .iter()
             .find(|p| p.job == job as u32 && p.axis == axis as u32 && p.role == role)
     }
@@ -767,5 +792,43 @@ impl Feedback {
         self.axes
             .get(..self.axis_count as usize)
             .unwrap_or(&self.axes)
+    }
+
+    /// Where the axes of the path are commanded to be, in increments; 0 behind the last.
+    pub fn path_positions(&self) -> [i64; PATH_AXES] {
+        let mut positions = [0; PATH_AXES];
+        let axes = self.axes().iter().take(self.path_axes as usize);
+        for (position, axis) in positions.iter_mut().zip(axes) {
+            *position = axis.command_position;
+        }
+        positions
+    }
+}
+
+impl Instruments {
+    /// The axes in use.
+    pub fn axes(&self) -> &[AxisInstruments] {
+        self.axes
+            .get(..self.axis_count as usize)
+            .unwrap_or(&self.axes)
+    }
+
+    /// The last subsample; none where there are none.
+    pub fn last(&self) -> Option<usize> {
+        let count = (self.subsamples as usize).min(MAX_SUBSAMPLES);
+        count.checked_sub(1)
+    }
+
+    /// Places of all axes in a subsample, in mm: `of` chooses which; 0 for axes that are not in use.
+    pub fn places_mm(
+        &self,
+        subsample: usize,
+        of: impl Fn(&AxisInstruments) -> &[f64; MAX_SUBSAMPLES],
+    ) -> [f64; MAX_AXES] {
+        let mut places_mm = [0.0; MAX_AXES];
+        for (place_mm, axis) in places_mm.iter_mut().zip(self.axes()) {
+            *place_mm = of(axis).get(subsample).copied().unwrap_or(0.0);
+        }
+        places_mm
     }
 }

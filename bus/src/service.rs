@@ -22,7 +22,7 @@ use crate::room;
 use crate::sample::checksum;
 use crate::sample::{
     AxisCommand, BusCycle, Feedback, Instruments, MAX_AXES, MAX_WINDOW_SETPOINTS, OperatorRequest,
-    OperatorResponse, PlannerStatus, Roster, Setpoint, WindowHeader,
+    OperatorResponse, PATH_AXES, PlannerStatus, Roster, Setpoint, WindowHeader,
 };
 
 /// Scans the recorder's queues hold; in lockstep the master waits at half of it.
@@ -43,7 +43,10 @@ pub(crate) const PLACE_LOOK: Duration = Duration::from_millis(5);
 const CLEANINGS_MAX: u32 = 3;
 const VIEWERS_MAX: usize = 8;
 const NODES_SLACK: usize = 24;
-const READERS_MAX: usize = 20 + VIEWERS_MAX;
+/// Samples that a reader may have in hand: the one it is at, and one that it has set aside.
+const BORROWED_MAX: usize = 2;
+/// Samples that a writer has in hand, and some to spare.
+const WRITTEN_MAX: usize = 8;
 
 /// One publish–subscribe service of the table.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -54,18 +57,20 @@ pub struct Topic {
     pub depth: usize,
     /// Samples a late reader gets at once.
     pub history: usize,
+    /// Readers it can have.
+    pub readers: usize,
 }
 
 impl Topic {
     /// Samples for which its writer has room: those in the deepest queue, since all readers hold the same, and those that readers
     /// and writer have in hand.
     pub(crate) fn samples_max(&self) -> usize {
-        self.depth + self.history + 64
+        self.depth + self.history + BORROWED_MAX * self.readers + WRITTEN_MAX
     }
 
-    /// The same of windows, which have fewer readers.
+    /// The same of windows, which are let go at once.
     pub(crate) fn windows_max(&self) -> usize {
-        self.depth + self.history + 32
+        self.depth + self.history + self.readers + WRITTEN_MAX
     }
 }
 
@@ -120,6 +125,7 @@ impl Services {
             name: format!("{}/{name}", place.name()),
             depth,
             history,
+            readers: ROLES.len() * shape.axes.len() + CELL_PROCESSES + VIEWERS_MAX,
         };
         let periods = RECORDER_DEPTH_SCANS / (shape.period_scans as usize).max(1) + SCAN_DEPTH;
         Services {
@@ -244,10 +250,17 @@ samples!(
         offset_of!(Feedback, axes) + size_of_val(feedback.axes())
     }, if |feedback| {
         let counts = feedback.scan <= SCAN_MAX && feedback.scan == feedback.visible_from;
-        counts && feedback.axis_count as usize <= MAX_AXES
+        let named = feedback.path_axes.min(PATH_AXES as u32);
+        let axes = feedback.path_axes == named && named <= feedback.axis_count;
+        counts && axes && feedback.axis_count as usize <= MAX_AXES
     };
-    Instruments: scan, if |instruments| is_possible(instruments.scan, instruments.visible_from);
-    BusCycle: scan, if |cycle| is_possible(cycle.scan, cycle.visible_from);
+    Instruments: scan of |instruments| {
+        offset_of!(Instruments, axes) + size_of_val(instruments.axes())
+    }, if |instruments| is_possible(instruments.scan, instruments.visible_from);
+    BusCycle: scan of |cycle| {
+        let inputs = cycle.inputs.get(..cycle.axis_count as usize);
+        offset_of!(BusCycle, inputs) + size_of_val(inputs.unwrap_or(&cycle.inputs))
+    }, if |cycle| is_possible(cycle.scan, cycle.visible_from);
     AxisCommand: scan [checksum] of |command| {
         let words = command.state.get(..command.state_words as usize);
         offset_of!(AxisCommand, state) + size_of_val(words.unwrap_or(&command.state))
@@ -367,10 +380,10 @@ impl Bus {
             .publish_subscribe::<T>()
             .enable_safe_overflow(true)
             .max_publishers(1)
-            .max_subscribers(READERS_MAX)
-            .max_nodes(READERS_MAX + NODES_SLACK)
+            .max_subscribers(topic.readers)
+            .max_nodes(topic.readers + NODES_SLACK)
             .subscriber_max_buffer_size(topic.depth)
-            .subscriber_max_borrowed_samples(2)
+            .subscriber_max_borrowed_samples(BORROWED_MAX)
             .history_size(topic.history)
             .create()
             .map_err(|e| self.refuse(format!("creating {}: {e:?}", topic.name)))
@@ -416,10 +429,10 @@ impl Bus {
             .user_header::<WindowHeader>()
             .enable_safe_overflow(true)
             .max_publishers(1)
-            .max_subscribers(READERS_MAX)
-            .max_nodes(READERS_MAX + NODES_SLACK)
+            .max_subscribers(services.setpoint.readers)
+            .max_nodes(services.setpoint.readers + NODES_SLACK)
             .subscriber_max_buffer_size(services.setpoint.depth)
-            .subscriber_max_borrowed_samples(2)
+            .subscriber_max_borrowed_samples(BORROWED_MAX)
             .history_size(services.setpoint.history)
             .create()
             .map_err(|e| self.refuse(format!("creating {}: {e:?}", services.setpoint.name)))?;
@@ -430,7 +443,7 @@ impl Bus {
             .enable_safe_overflow_for_requests(true)
             .max_servers(1)
             .max_clients(VIEWERS_MAX)
-            .max_nodes(READERS_MAX + NODES_SLACK)
+            .max_nodes(services.setpoint.readers + NODES_SLACK)
             .create()
             .map_err(|e| self.refuse(format!("creating {}: {e:?}", services.operator)))?;
         let commands = services

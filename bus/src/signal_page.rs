@@ -19,11 +19,11 @@ mod atomic {
 }
 mod words;
 
-const MAGIC: u64 = u64::from_le_bytes(*b"QUADRAN7");
+const MAGIC: u64 = u64::from_le_bytes(*b"QUADRAN8");
 /// Most faults a script of one run can have.
 pub const FAULTS_MAX: usize = 1024;
 /// Bytes kept for one saved state of the master.
-pub const MACHINE_STATE_BYTES: usize = 8192;
+pub const MACHINE_STATE_BYTES: usize = 32768;
 
 /// What the cell is doing, as the launcher sees it. The words are far apart: no slip of a foreign process makes one of another.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -197,7 +197,7 @@ assert ctypes.sizeof(Inputs) == 80
 
 
 class Feedback(ctypes.Structure):
-    """2336 bytes."""
+    """7136 bytes."""
 
     _fields_ = [
         ("scan", c_uint64),  # at 0
@@ -227,24 +227,24 @@ class Feedback(ctypes.Structure):
         ("run", c_uint32),  # at 232
         ("messages", c_uint32),  # at 236
         ("rested", c_uint32),  # at 240
-        ("reserved", c_uint32),  # at 244
+        ("path_axes", c_uint32),  # at 244
         ("auxiliary", Auxiliaries),  # at 248
         ("answer", Answer),  # at 496
         ("inputs", Inputs),  # at 648
-        ("axes", AxisFeedback * 8),  # at 728
-        ("checksum", c_uint64),  # at 2328
+        ("axes", AxisFeedback * 32),  # at 728
+        ("checksum", c_uint64),  # at 7128
     ]
 
     @staticmethod
     def type_name() -> str:
-        return "quadrant/Feedback/10"
+        return "quadrant/Feedback/11"
 
 
-assert ctypes.sizeof(Feedback) == 2336
+assert ctypes.sizeof(Feedback) == 7136
 
 
 class Instruments(ctypes.Structure):
-    """1064 bytes."""
+    """4136 bytes."""
 
     _fields_ = [
         ("scan", c_uint64),  # at 0
@@ -253,20 +253,19 @@ class Instruments(ctypes.Structure):
         ("motion_digest_low", c_uint64),  # at 24
         ("subsamples", c_uint32),  # at 32
         ("axis_count", c_uint32),  # at 36
-        ("table_mm", (c_double * 8) * 8),  # at 40
-        ("motor_mm", (c_double * 8) * 8),  # at 552
+        ("axes", AxisInstruments * 32),  # at 40
     ]
 
     @staticmethod
     def type_name() -> str:
-        return "quadrant/Instruments/1"
+        return "quadrant/Instruments/2"
 
 
-assert ctypes.sizeof(Instruments) == 1064
+assert ctypes.sizeof(Instruments) == 4136
 
 
 class BusCycle(ctypes.Structure):
-    """160 bytes."""
+    """360 bytes."""
 
     _fields_ = [
         ("scan", c_uint64),  # at 0
@@ -279,19 +278,21 @@ class BusCycle(ctypes.Structure):
         ("repeated", c_uint64),  # at 56
         ("round_trip_ns", c_uint64),  # at 64
         ("clock_offset_ns", c_int64),  # at 72
-        ("inputs", c_uint64 * 8),  # at 80
-        ("answered", c_uint32),  # at 144
-        ("distributed_clocks", c_uint32),  # at 148
-        ("slaves_operational", c_uint32),  # at 152
-        ("slave_count", c_uint32),  # at 156
+        ("answered", c_uint32),  # at 80
+        ("distributed_clocks", c_uint32),  # at 84
+        ("slaves_operational", c_uint32),  # at 88
+        ("slave_count", c_uint32),  # at 92
+        ("axis_count", c_uint32),  # at 96
+        ("reserved", c_uint32),  # at 100
+        ("inputs", c_uint64 * 32),  # at 104
     ]
 
     @staticmethod
     def type_name() -> str:
-        return "quadrant/BusCycle/1"
+        return "quadrant/BusCycle/2"
 
 
-assert ctypes.sizeof(BusCycle) == 160
+assert ctypes.sizeof(BusCycle) == 360
 
 
 class AxisCommand(ctypes.Structure):
@@ -412,18 +413,18 @@ assert ctypes.sizeof(Participant) == 40
 
 
 class Roster(ctypes.Structure):
-    """984 bytes."""
+    """2904 bytes."""
 
     _fields_ = [
         ("version", c_uint64),  # at 0
         ("visible_from", c_uint64),  # at 8
-        ("participants", Participant * 24),  # at 16
-        ("checksum", c_uint64),  # at 976
+        ("participants", Participant * 72),  # at 16
+        ("checksum", c_uint64),  # at 2896
     ]
 
     @staticmethod
     def type_name() -> str:
-        return "quadrant/Roster/3"
+        return "quadrant/Roster/4"
 
 
-assert ctypes.sizeof(Roster) == 984
+assert ctypes.sizeof(Roster) == 2904

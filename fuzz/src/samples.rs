@@ -133,7 +133,7 @@ impl Cell {
 
     /// The master's end of a scan, with what has been answered.
     fn close(&mut self) {
-        let mut answers = Answers::NONE;
+        let mut answers = Answers::of_axes(MAX_AXES);
         let [x, standby, y] = [0, 1, 2].map(|servo: usize| Some(self.commands[servo]));
         answers.commands[0] = [x, standby];
         answers.commands[1] = [y, None];

@@ -3,7 +3,7 @@
 use std::io::Write;
 use std::sync::LazyLock;
 
-use bus::sample::MAX_AXES;
+use bus::sample::PATH_AXES;
 use machine::Machine;
 use master::{DriveCommand, Drives};
 use path::window::{PlannedSetpoint, WindowRequest};
@@ -58,7 +58,7 @@ fn split(data: &[u8]) -> (&'static Machine, String) {
 /// A part program: read, interpreted, and planned along for a while.
 pub fn program(data: &[u8]) {
     let (machine, text) = split(data);
-    let Ok(program) = program::resume_from(machine, &[0; MAX_AXES], "fuzz", &text) else {
+    let Ok(program) = program::resume_from(machine, &[0; PATH_AXES], "fuzz", &text) else {
         return;
     };
     assert!(program.path.is_finite());

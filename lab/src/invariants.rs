@@ -17,7 +17,9 @@
 use std::sync::Arc;
 
 use audit::SetpointAudit;
-use bus::sample::{AxisFeedback, Cause, Feedback, Instruments, Job, MAX_AXES, Mode, Roster};
+use bus::sample::{
+    AxisFeedback, Cause, Feedback, Instruments, Job, MAX_AXES, Mode, PATH_AXES, Roster,
+};
 use machine::{Machine, WithinPeriod};
 use path::geometry::{AxisVector, Element};
 use path::limits::MotionLimits;
@@ -51,7 +53,7 @@ pub struct Course {
     /// The limits of the axes.
     pub limits: MotionLimits,
     /// Where the command positions are to end, in increments.
-    pub end: [i64; MAX_AXES],
+    pub end: [i64; PATH_AXES],
 }
 
 impl Course {
@@ -157,7 +159,7 @@ pub struct Judge<'a> {
     known: Vec<Arc<Window>>,
     in_force: Option<Arc<Window>>,
     /// The setpoint that was executed in the scan before.
-    executed: Option<[i64; MAX_AXES]>,
+    executed: Option<[i64; PATH_AXES]>,
     /// Axes whose servo has died, and that have no other one: whoever comes is no driver before its first command is taken.
     unserved: [bool; MAX_AXES],
     feedbacks: Feedbacks,
@@ -183,7 +185,7 @@ impl<'a> Judge<'a> {
         Judge {
             machine,
             course,
-            audit: SetpointAudit::at_rest(course.limits.clone(), [0; MAX_AXES]),
+            audit: SetpointAudit::at_rest(course.limits.clone(), [0; PATH_AXES]),
             known: Vec::new(),
             in_force: None,
             executed: None,
@@ -240,7 +242,7 @@ impl<'a> Judge<'a> {
     fn setpoints(&mut self, before: Option<&Feedback>, feedback: &Feedback) {
         let scan = feedback.scan;
         self.executed = None;
-        let command_positions = feedback.axes.map(|axis| axis.command_position);
+        let command_positions = feedback.path_positions();
         if feedback.window.is_none() {
             self.in_force = None;
             self.audit = SetpointAudit::at_rest(self.course.limits.clone(), command_positions);
@@ -257,8 +259,7 @@ impl<'a> Judge<'a> {
             self.foreseen(scan);
             self.in_force = found;
             let first = self.in_force.as_ref().and_then(|w| w.setpoints.first());
-            let axes = self.machine.axes.len();
-            let off = first.is_some_and(|s| s.position[..axes] != command_positions[..axes]);
+            let off = first.is_some_and(|first| first.position != command_positions);
             if starts && off {
                 self.say(scan, "a window begins off the command positions".into());
             }
@@ -355,7 +356,8 @@ impl<'a> Judge<'a> {
         {
             return;
         }
-        for (index, (axis, was)) in feedback.axes().iter().zip(&executed).enumerate() {
+        let axes = executed.iter().take(feedback.path_axes as usize);
+        for (index, (axis, was)) in feedback.axes().iter().zip(axes).enumerate() {
             if axis.missed_in_a_row == 0 && axis.command_position != *was {
                 let off = axis.command_position - was;
                 self.say(
@@ -412,13 +414,14 @@ impl<'a> Judge<'a> {
     }
 
     fn tool(&self, instruments: &Instruments) -> AxisVector {
-        let last = (instruments.subsamples as usize).saturating_sub(1);
-        let mut table = AxisVector::zeros();
-        for (value, samples) in table.iter_mut().zip(&instruments.table_mm) {
-            *value = samples.get(last).copied().unwrap_or(0.0);
-        }
-        self.machine.to_program_axes(table.as_mut_slice());
-        self.course.limits.setpoints().kinematics.tool(&table)
+        let last = instruments.last().unwrap_or(0);
+        let table = instruments.places_mm(last, |axis| &axis.table_mm);
+        let table = self.machine.to_program_axes(table);
+        self.course
+            .limits
+            .setpoints()
+            .kinematics
+            .tool(&table.into())
     }
 
     fn distance_mm(&self, tool: &AxisVector, element: u32, around: u32) -> f64 {
@@ -491,10 +494,11 @@ impl<'a> Judge<'a> {
         let last = self.before.take();
         let finished = |f: &Feedback| f.mode == Mode::Finished as u32;
         if let Some((feedback, instruments, _)) = last.filter(|(f, _, _)| finished(f)) {
-            let sample = (instruments.subsamples as usize).saturating_sub(1);
-            for (index, settings) in self.machine.axes.iter().enumerate() {
+            let last = instruments.last().unwrap_or(0);
+            let tables_mm = instruments.places_mm(last, |axis| &axis.table_mm);
+            for (index, settings) in self.machine.program_axes().iter().enumerate() {
                 let end_mm = self.course.end[index] as f64 * settings.increment_mm();
-                let off_um = (instruments.table_mm[index][sample] - end_mm) * 1e3;
+                let off_um = (tables_mm[index] - end_mm) * 1e3;
                 let most = settings.in_position_um + settings.reversal.backlash_um;
                 if off_um.abs() > most {
                     self.say(

@@ -3,7 +3,7 @@
 
 use crate::common::load;
 use crate::size;
-use bus::sample::{Feedback, MAX_AXES, Mode, OperatorRequest, OperatorResponse, Order, Refused};
+use bus::sample::{Feedback, Mode, OperatorRequest, OperatorResponse, Order, PATH_AXES, Refused};
 use lab::cell::InProcessCell;
 use machine::Machine;
 use path::kinematics::Kinematics;
@@ -230,7 +230,7 @@ fn by(end: &End, way: f64) -> String {
 }
 
 /// Whether the planner takes these blocks from these command positions.
-fn reads(machine: &Machine, start: [i64; MAX_AXES], blocks: &str) -> Result<(), String> {
+fn reads(machine: &Machine, start: [i64; PATH_AXES], blocks: &str) -> Result<(), String> {
     let text = format!("G21 G90 G94\n{blocks}\nM2\n");
     let text = planner::ProgramText::Here("end.ngc".into(), text.into());
     let survey = planner::survey(machine, &text, start, u64::MAX, |_| {});

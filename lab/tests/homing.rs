@@ -104,7 +104,7 @@ impl Bench {
         if let Some(published) = &published {
             self.now = *published.feedback;
             let last = published.instruments.subsamples as usize - 1;
-            let now_mm = published.instruments.motor_mm[0][last];
+            let now_mm = published.instruments.axes[0].motor_mm[last];
             self.motor_mm = [self.motor_mm[1], now_mm];
         }
         published.is_some()

@@ -70,7 +70,7 @@ fn run_with(
     while let Some(published) = cell.scan() {
         judge.take(&published, |_, _| true);
         let last = published.instruments.subsamples as usize - 1;
-        let table_mm = [0, 1].map(|axis| published.instruments.table_mm[axis][last]);
+        let table_mm = [0, 1].map(|axis| published.instruments.axes[axis].table_mm[last]);
         let feedback = *published.feedback;
         let spindle = cell.drives().auxiliaries().state().spindle;
         rows.push(Row {

@@ -127,5 +127,5 @@ fn a_difference_is_seen() {
     );
     let judged = verdict::compared(Ok(of(1.0)), Ok(of(1.000_01))).verdict;
     assert!(matches!(judged, Verdict::Differs(_)), "{judged}");
-    assert_eq!(AxisVector::zeros().len(), path::geometry::MAX_AXES);
+    assert_eq!(AxisVector::zeros().len(), path::geometry::PATH_AXES);
 }

@@ -59,7 +59,7 @@ fn run(machine: &Machine, plant: &PlantFile) -> Vec<Row> {
             command_mm: [0, 1].map(|axis| mm(axis, commands[axis].position)),
             following_um: [0, 1].map(|axis| commands[axis].following_error_mm * 1e3),
             follows: [0, 1].map(|axis| commands[axis].hand >= Hand::Follows as u32),
-            table_mm: [0, 1].map(|axis| published.instruments.table_mm[axis][last]),
+            table_mm: [0, 1].map(|axis| published.instruments.axes[axis].table_mm[last]),
         });
         for (at_ms, order, axis, value) in ORDERS {
             if feedback.scan == at_ms * scans_per_ms {

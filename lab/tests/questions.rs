@@ -6,7 +6,7 @@ use std::path::Path;
 use crate::common::kill;
 use crate::size;
 use bus::sample::{
-    AnswerOutcome, Cause, Feedback, Instruments, MAX_AXES, Mode, OperatorRequest, Order, Waiting,
+    AnswerOutcome, Cause, Feedback, Instruments, Mode, OperatorRequest, Order, PATH_AXES, Waiting,
 };
 use lab::cell::{InProcessCell, Script};
 use machine::{Machine, PositionFeedback};
@@ -81,8 +81,8 @@ fn crossing(all: &[Scan], height_mm: f64) -> (f64, f64) {
         let count = instruments.subsamples as usize;
         for sample in 0..count {
             let time = feedback.scan as f64 + (sample + 1) as f64 / count as f64;
-            let table = instruments.table_mm[Z][sample];
-            let motor = instruments.motor_mm[Z][sample];
+            let table = instruments.axes[Z].table_mm[sample];
+            let motor = instruments.axes[Z].motor_mm[sample];
             if let Some((was_time, was_table, was_motor)) = before
                 && was_table > height_mm
                 && table <= height_mm
@@ -200,8 +200,8 @@ fn with_input(plant: &mut PlantFile) {
 /// What came of a run: each answer in order, the place it ends at, and what is wrong with it.
 #[derive(Debug, Default, PartialEq)]
 struct Seen {
-    answers: Vec<(u32, u32, f64, [i64; MAX_AXES])>,
-    end: Option<[i64; MAX_AXES]>,
+    answers: Vec<(u32, u32, f64, [i64; PATH_AXES])>,
+    end: Option<[i64; PATH_AXES]>,
     outputs: Vec<u64>,
     wrong: Vec<String>,
     changes: Vec<u64>,
@@ -262,7 +262,7 @@ fn judged(machine: &Machine, plant: &PlantFile, text: &str, faults: Option<&str>
     }
     let last = before.expect("a scan");
     if last.mode == Mode::Finished as u32 {
-        seen.end = Some(last.axes.map(|axis| axis.command_position));
+        seen.end = Some(last.path_positions());
     } else {
         let cause = Cause::from_wire(last.cause);
         seen.wrong

@@ -244,13 +244,14 @@ const BESIDE: &[Loss] = &[
     }),
     ("deviation", "mm from the path after a trip", |run| {
         let at = first(run, tripped) + 3;
-        run[at].instruments.table_mm[0]
+        run[at].instruments.axes[0]
+            .table_mm
             .iter_mut()
             .for_each(|mm| *mm += 5.0);
     }),
     ("table", "µm off the end", |run| {
         let last = run.len() - 1;
-        let table_mm = &mut run[last].instruments.table_mm[0];
+        let table_mm = &mut run[last].instruments.axes[0].table_mm;
         table_mm.iter_mut().for_each(|mm| *mm += 0.1);
     }),
     ("cause", "which has not happened", |run| {

@@ -4,7 +4,7 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, anyhow, bail};
-use bus::sample::MAX_AXES;
+use bus::sample::PATH_AXES;
 use machine::{Machine, machine_file};
 use path::window::WindowPlanner;
 use planner::{ProgramText, Survey};
@@ -30,7 +30,7 @@ pub struct Checked {
     /// What a program comes to that is too long to be held whole.
     pub long: Option<Survey>,
     /// Command positions that it is expanded from, in increments.
-    pub start: [i64; MAX_AXES],
+    pub start: [i64; PATH_AXES],
 }
 
 /// How much of a long program is looked at.
@@ -134,7 +134,7 @@ pub fn load_changed(
 pub fn start_line(
     machine: &Machine,
     file: &Path,
-    start: [i64; MAX_AXES],
+    start: [i64; PATH_AXES],
     line: u32,
 ) -> anyhow::Result<()> {
     let text = ProgramText::File(file.to_path_buf());
@@ -171,7 +171,10 @@ fn not_swapped(machine: &Path, program: &Path) -> anyhow::Result<()> {
 }
 
 /// The plant file beside a machine file, and where its axes are at the start.
-fn simulated_start(machine: &Machine, path: &Path) -> anyhow::Result<(PlantFile, [i64; MAX_AXES])> {
+fn simulated_start(
+    machine: &Machine,
+    path: &Path,
+) -> anyhow::Result<(PlantFile, [i64; PATH_AXES])> {
     let plant_path = path.with_file_name("plant.toml");
     if !plant_path.exists() {
         bail!(
@@ -201,9 +204,9 @@ impl Checked {
 
 /// Where real axes are nobody knows before the drives are asked: a program is checked from the machine's zero, or the end of the travel
 /// nearest to it.
-fn presumed_start(machine: &Machine) -> [i64; MAX_AXES] {
-    let mut start = [0; MAX_AXES];
-    for (place, axis) in start.iter_mut().zip(&machine.axes) {
+fn presumed_start(machine: &Machine) -> [i64; PATH_AXES] {
+    let mut start = [0; PATH_AXES];
+    for (place, axis) in start.iter_mut().zip(machine.program_axes()) {
         let at_mm = 0.0_f64.clamp(axis.travel_min_mm, axis.travel_max_mm);
         *place = (at_mm / axis.increment_mm()).round() as i64;
     }
@@ -214,7 +217,7 @@ fn presumed_start(machine: &Machine) -> [i64; MAX_AXES] {
 fn survey_file(
     machine: &Machine,
     file: &Path,
-    start: [i64; MAX_AXES],
+    start: [i64; PATH_AXES],
     depth: Depth,
 ) -> anyhow::Result<Survey> {
     let text = ProgramText::File(file.to_path_buf());

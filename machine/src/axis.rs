@@ -1,11 +1,12 @@
 //! `[[axis]]`: one axis of the machine.
 
+use bus::sample::MAX_AXES;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::axis_kind::AxisKind;
 use crate::fieldbus::AxisDrive;
-use crate::gantry::Gantry;
+use crate::gantry::{Gantry, SECOND_MOTOR};
 use crate::homing::{Homing, HomingMethod, INDEX_TURNS, JOG_ACCELERATION_SHARE};
 use crate::loops::{FeedForward, PositionLoop, Prediction, VelocityLoop};
 use crate::model::{Adaptation, AxisModel, DisturbanceObserver, TorqueFeedForward};
@@ -16,10 +17,9 @@ use crate::transmission::Transmission;
 #[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Axis {
-    /// Its letter in part programs; of the second motor of a gantry the letter of its axis with a 2 behind it.
-    #[schemars(extend("enum" = [
-        "X", "Y", "Z", "A", "B", "C", "U", "V", "W", "X2", "Y2", "Z2", "A2", "B2", "C2", "U2", "V2", "W2"
-    ]))]
+    /// Its letter in part programs: up to 8 axes have one, and come first in the file. The second motor of a gantry has the letter of its
+    /// axis with a 2 behind it. Axes that no program moves are called P1 to P31: they are moved [by hand](../howto/by-hand.md).
+    #[schemars(extend("enum" = axis_names()))]
     pub name: String,
     /// Linear or rotary.
     #[schemars(extend("default" = "linear"))]
@@ -157,6 +157,22 @@ pub(crate) const ENDLESS_DEG: f64 = 100_000.0 * TURN_DEG;
 /// Share of the travel that a search may take where the file does not say.
 const SEARCH_SHARE: f64 = 1.1;
 
+/// Letters that axes have in programs.
+const LETTERS: [&str; 9] = ["X", "Y", "Z", "A", "B", "C", "U", "V", "W"];
+
+/// What an axis can be called.
+pub fn axis_names() -> Vec<String> {
+    let second = LETTERS.map(|letter| format!("{letter}{SECOND_MOTOR}"));
+    let others = (1..MAX_AXES).map(|number| format!("P{number}"));
+    let letters = LETTERS.map(String::from).into_iter();
+    letters.chain(second).chain(others).collect()
+}
+
+/// Whether this name of an axis is one that programs know.
+pub fn is_letter(name: &str) -> bool {
+    name.len() == 1
+}
+
 impl Axis {
     /// A place of it as people read it: within one turn where it turns without end.
     pub fn shown(&self, place_mm: f64) -> f64 {
@@ -201,6 +217,11 @@ impl Axis {
     /// Axis units per increment, in mm.
     pub fn increment_mm(&self) -> f64 {
         self.increment_nm * 1e-6
+    }
+
+    /// Whether programs name it. Others are second motors, or are moved by hand alone.
+    pub fn has_letter(&self) -> bool {
+        is_letter(&self.name)
     }
 
     /// Whether it is the second motor of another axis.

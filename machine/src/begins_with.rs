@@ -4,7 +4,7 @@ use std::fs;
 use std::io;
 
 use bus::cell::{CellPaths, if_there};
-use bus::sample::{Auxiliaries, FLOOD, Levels, MAX_AXES, MIST, MODES_RESET, SpindleCommand};
+use bus::sample::{Auxiliaries, FLOOD, Levels, MIST, MODES_RESET, PATH_AXES, SpindleCommand};
 
 use crate::beginning::{Beginning, MODES_OF_END};
 use crate::machine::Machine;
@@ -71,8 +71,8 @@ impl Machine {
     }
 
     /// The offset of the tool that is applied at the beginning, by axis, in mm and degrees.
-    pub fn beginning_offset(&self) -> [f64; MAX_AXES] {
-        let mut along = [0.0; MAX_AXES];
+    pub fn beginning_offset(&self) -> [f64; PATH_AXES] {
+        let mut along = [0.0; PATH_AXES];
         for (slot, letter) in along.iter_mut().zip(self.axis_letters()) {
             let value = self.beginning.offset.get(&letter.to_string());
             *slot = value.copied().unwrap_or(0.0);

@@ -1,7 +1,7 @@
 //! The gantries of a machine, and what is true of both motors of one.
 
 use bus::drive_codes::with_code;
-use bus::sample::{Cause, Feedback};
+use bus::sample::{Cause, Feedback, MAX_AXES, PATH_AXES};
 
 use crate::axis::{Axis, PositionFeedback};
 use crate::machine::Machine;
@@ -20,23 +20,27 @@ pub struct GantryPair {
 }
 
 impl GantryPair {
-    /// Puts the mean of the two motors' places, in mm, in the place of the first, and 0 in the place of the second.
-    pub fn meet(&self, motors_mm: &mut [f64]) {
-        let Some(end_mm) = motors_mm.get_mut(self.follower).map(std::mem::take) else {
-            return;
-        };
-        if let Some(place_mm) = motors_mm.get_mut(self.leader) {
+    /// Puts the mean of the two motors' places, in mm, in the place of the first.
+    fn meet(&self, motors_mm: &mut [f64]) {
+        let end_mm = motors_mm.get(self.follower).copied();
+        if let Some((place_mm, end_mm)) = motors_mm.get_mut(self.leader).zip(end_mm) {
             *place_mm = 0.5 * (*place_mm + end_mm);
         }
     }
 }
 
 impl Machine {
-    /// The axes that programs and operators name, in front of the second motors of gantries.
+    /// The axes that programs name, in front of all others: the index of one is its place on the path.
     pub fn program_axes(&self) -> &[Axis] {
-        let followers = self.axes.iter().position(Axis::is_follower);
-        let count = followers.unwrap_or(self.axes.len());
+        let others = self.axes.iter().position(|axis| !axis.has_letter());
+        let count = others.unwrap_or(self.axes.len());
         self.axes.get(..count).unwrap_or(&self.axes)
+    }
+
+    /// The place of an axis in setpoints: of the second motor of a gantry that of its axis; none of one that no program moves.
+    pub fn path_axis(&self, axis: usize) -> Option<usize> {
+        let of = self.gantry_of(axis).map_or(axis, |pair| pair.leader);
+        (of < self.program_axes().len()).then_some(of)
     }
 
     /// The gantries of the machine.
@@ -60,11 +64,17 @@ impl Machine {
     }
 
     /// Turns the places of all motors into the places of the axes that programs name: a tool in the middle of a bridge is where the
-    /// mean of its two ends is; second motors have none.
-    pub fn to_program_axes(&self, motors_mm: &mut [f64]) {
+    /// mean of its two ends is; other motors have none.
+    pub fn to_program_axes(&self, mut motors_mm: [f64; MAX_AXES]) -> [f64; PATH_AXES] {
         for pair in self.gantries() {
-            pair.meet(motors_mm);
+            pair.meet(&mut motors_mm);
         }
+        let mut places_mm = [0.0; PATH_AXES];
+        let named = places_mm.iter_mut().zip(motors_mm);
+        for ((place_mm, motor_mm), _) in named.zip(self.program_axes()) {
+            *place_mm = motor_mm;
+        }
+        places_mm
     }
 
     /// Skew of a gantry, in mm: position of its second motor less the position of its first, by the feedback that the servos use.
@@ -105,7 +115,7 @@ impl Machine {
         }
     }
 
-    /// Index of the axis of this letter, for whoever moves or sets it.
+    /// Index of the axis of this name, for whoever moves or sets it.
     ///
     /// # Errors
     /// The machine has none, or it is the second motor of one; says what is right.

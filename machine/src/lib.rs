@@ -47,7 +47,9 @@ pub mod transmission;
 mod whole_file;
 
 pub use auxiliary::{SPINDLE_RAMP_SHARE, Spindle, ToolChange, ToolChanger};
-pub use axis::{Axis, Changeover, DriveMode, Motor, PositionFeedback, TURN_DEG};
+pub use axis::{
+    Axis, Changeover, DriveMode, Motor, PositionFeedback, TURN_DEG, axis_names, is_letter,
+};
 pub use axis_kind::AxisKind;
 pub use beginning::{Beginning, MODES_OF_END, SPINDLE_FILE};
 pub use fieldbus::{AxisDrive, Fieldbus, Sync};

@@ -58,7 +58,7 @@ pub struct Machine {
     pub tool_change: ToolChange,
     /// The fieldbus that the drives are on ([how](../howto/drives.md)). Without this table they are simulated.
     pub bus: Option<Fieldbus>,
-    /// An axis: a machine has 1 to 8, each with a letter of its own; the second motor of a gantry counts as one.
+    /// An axis: a machine has 1 to 32, each with a name of its own; the second motor of a gantry counts as one.
     #[serde(rename = "axis")]
     #[schemars(length(min = 1, max = MAX_AXES))]
     pub axes: Vec<Axis>,
@@ -254,4 +254,4 @@ impl Machine {
     }
 }
 
-const _: () = assert!(MAX_AXES == 8);
+const _: () = assert!(MAX_AXES == 32);

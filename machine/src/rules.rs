@@ -113,6 +113,13 @@ fn work_offsets(rules: &mut Rules<'_>, machine: &Machine) {
             Some(axis) if axis.is_follower() => {
                 rules.say(&path, None, "names a second motor: offsets are of its axis");
             }
+            Some(axis) if !axis.has_letter() => {
+                rules.say(
+                    &path,
+                    None,
+                    "names an axis that no program moves: it has no offset",
+                );
+            }
             Some(axis) => offset_within_travel(rules, &path, axis, *value),
         }
     }

@@ -158,10 +158,10 @@ fn a_file_without_an_axis_or_with_too_many_is_refused() {
         found.starts_with("m.toml:1: missing field `axis`, with name, travel_min_mm"),
         "{found}"
     );
-    let many = head.to_string() + &axis.repeat(9);
+    let many = head.to_string() + &axis.repeat(33);
     let error = message(&many);
     assert!(
-        error.contains("m.toml:7: axis has 9 values: must have 1 to 8"),
+        error.contains("m.toml:7: axis has 33 values: must have 1 to 32"),
         "{error}"
     );
 }

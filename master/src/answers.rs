@@ -1,23 +1,31 @@
 //! What is answered to a feedback.
 
-use bus::sample::{AxisCommand, MAX_AXES, PlannerStatus};
+use bus::sample::{AxisCommand, PlannerStatus};
 use bus::service::ROLES;
 
 /// What was answered in one scan.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub struct Answers {
     /// The command of each axis (outer) and role (inner).
-    pub commands: [[Option<AxisCommand>; ROLES.len()]; MAX_AXES],
+    pub commands: Vec<[Option<AxisCommand>; ROLES.len()]>,
     /// The planner's word, at a period boundary.
     pub planner: Option<PlannerStatus>,
 }
 
 impl Answers {
-    /// Nothing answered yet.
+    /// Nothing answered, and no room for any command.
     pub const NONE: Answers = Answers {
-        commands: [[None; ROLES.len()]; MAX_AXES],
+        commands: Vec::new(),
         planner: None,
     };
+
+    /// Nothing answered yet, with room for the commands of so many axes.
+    pub fn of_axes(axes: usize) -> Answers {
+        Answers {
+            commands: vec![[None; ROLES.len()]; axes],
+            planner: None,
+        }
+    }
 
     /// Nothing is answered any more.
     pub fn clear(&mut self) {

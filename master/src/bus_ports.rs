@@ -7,9 +7,8 @@ use bus::member::{Member, Pace};
 use bus::port::{Age, OperatorServer, Reader, WindowReader, Writer};
 use bus::realtime;
 use bus::sample::{
-    AxisCommand, BusCycle, Feedback, Instruments, Job, MAX_AXES, MAX_PARTICIPANTS, Mode,
-    OperatorRequest, OperatorResponse, Participant, PlannerStatus, ProgramState, Roster, Setpoint,
-    WindowHeader,
+    AxisCommand, BusCycle, Feedback, Instruments, Job, MAX_PARTICIPANTS, Mode, OperatorRequest,
+    OperatorResponse, Participant, PlannerStatus, ProgramState, Roster, Setpoint, WindowHeader,
 };
 use bus::service::{RECORDER_DEPTH_SCANS, ROLES, SCAN_DEPTH};
 use bus::signal_page::CellPhase;
@@ -76,7 +75,7 @@ impl Ports {
         roster: &Roster,
         answers: &mut Answers,
     ) {
-        for place in &roster.participants {
+        for place in roster.places() {
             if place.job != Job::Servo as u32 {
                 continue;
             }
@@ -100,7 +99,7 @@ type Asked = [u32; MAX_PARTICIPANTS];
 
 fn asked(roster: &Roster) -> Asked {
     let mut asked = [0; MAX_PARTICIPANTS];
-    for (asked, place) in asked.iter_mut().zip(&roster.participants) {
+    for (asked, place) in asked.iter_mut().zip(roster.places()) {
         if place.live == 1 {
             *asked = place.incarnation;
         }
@@ -118,7 +117,7 @@ fn missing(
     excused: impl Fn(usize, &Participant) -> bool,
 ) -> Missing {
     let mut missing = Missing::default();
-    for (index, (place, asked)) in roster.participants.iter().zip(asked).enumerate() {
+    for (index, (place, asked)) in roster.places().iter().zip(asked).enumerate() {
         if place.live == 0 || place.stalled == 1 || place.incarnation != *asked {
             continue;
         }
@@ -139,9 +138,8 @@ fn missing(
         };
         if answered || excused(index, place) {
             missing.answered += 1;
-        } else if let Some(slot) = missing.places.get_mut(missing.count) {
-            *slot = (place.job, place.axis, place.role);
-            missing.count += 1;
+        } else {
+            missing.places |= 1 << index;
         }
     }
     missing
@@ -150,26 +148,39 @@ fn missing(
 #[derive(Default)]
 struct Missing {
     answered: usize,
-    count: usize,
-    places: [(u32, u32, u32); MAX_AXES * ROLES.len() + 1],
+    /// A bit for each place of the roster.
+    places: u128,
 }
 
+const _: () = assert!(MAX_PARTICIPANTS <= u128::BITS as usize);
+
 impl Missing {
+    fn count(&self) -> u32 {
+        self.places.count_ones()
+    }
+
+    /// Whether the one in this place of the roster is.
+    fn has(&self, index: usize) -> bool {
+        self.places >> index & 1 == 1
+    }
+
     /// Who they are, and when they were last heard.
-    fn names(&self, scan: u64, axes: &[String], ports: &Ports) -> String {
-        let name = |&(job, axis, role): &(u32, u32, u32)| {
-            if job == Job::Planner as u32 {
+    fn names(&self, scan: u64, axes: &[String], roster: &Roster, ports: &Ports) -> String {
+        let name = |place: &Participant| {
+            if place.job == Job::Planner as u32 {
                 return format!("the planner ({})", ports.planner.age(scan));
             }
-            let letter = axes.get(axis as usize).map_or("?", String::as_str);
-            let roles = ports.commands.get(axis as usize);
+            let letter = axes.get(place.axis as usize).map_or("?", String::as_str);
+            let roles = ports.commands.get(place.axis as usize);
             let age = roles
-                .and_then(|roles| roles.get(role as usize))
+                .and_then(|roles| roles.get(place.role as usize))
                 .map_or(Age::Never, |reader| reader.age(scan));
-            let standby = if role == 0 { "" } else { "-b" };
+            let standby = if place.role == 0 { "" } else { "-b" };
             format!("servo {letter}{standby} ({age})")
         };
-        let names: Vec<String> = self.places.iter().take(self.count).map(name).collect();
+        let missing = roster.places().iter().enumerate();
+        let missing = missing.filter(|(index, _)| self.has(*index));
+        let names: Vec<String> = missing.map(|(_, place)| name(place)).collect();
         names.join(" and ")
     }
 }
@@ -238,7 +249,7 @@ impl BusPorts {
             ports: Ports::open(&member)?,
             axes: machine.axes.iter().map(|axis| axis.name.clone()).collect(),
             roster: Roster::zeroed(),
-            answers: Answers::NONE,
+            answers: Answers::of_axes(machine.axes.len()),
             clock: Clock {
                 pace: member.slot().pace,
                 period_ns: u64::from(machine.scan.period_us) * 1000,
@@ -310,8 +321,8 @@ impl BusPorts {
         let everybody = (&self.roster, &self.asked_in_scan);
         let asked = missing(scan, ask_planner, &Answers::NONE, everybody, |_, _| false);
         let page = &self.member.page;
-        self.seen_before_waking = (asked.count > 0).then(|| page.master_signal().count());
-        page.expect_answers(asked.count as u32);
+        self.seen_before_waking = (asked.places != 0).then(|| page.master_signal().count());
+        page.expect_answers(asked.count());
         page.set_answered(self.member.slot().index, scan);
         self.ports.feedback.send(feedback);
         page.scan_signal().raise();
@@ -342,7 +353,7 @@ impl BusPorts {
             self.ports
                 .read_answers(scan, ask_planner, &self.roster, &mut self.answers);
             let missing = self.missing(scan, ask_planner, excused);
-            if missing.count == 0 {
+            if missing.places == 0 {
                 return Ok(true);
             }
             if self.member.ending() {
@@ -358,7 +369,7 @@ impl BusPorts {
             };
             if since.elapsed() > self.clock.answer_limit {
                 return Err(MasterError::NoAnswer {
-                    who: missing.names(scan, &self.axes, &self.ports),
+                    who: missing.names(scan, &self.axes, &self.roster, &self.ports),
                     scan,
                     waited_s: self.clock.answer_limit.as_secs(),
                 });
@@ -375,11 +386,9 @@ impl BusPorts {
 
     /// Without a launcher nobody reports who died: whoever is silent for long is not waited for.
     fn drop_the_silent(&mut self, missing: &Missing) {
-        for (job, axis, role) in missing.places.iter().take(missing.count) {
-            for place in &mut self.roster.participants {
-                if place.job == *job && place.axis == *axis && place.role == *role {
-                    place.live = 0;
-                }
+        for (index, place) in self.roster.participants.iter_mut().enumerate() {
+            if missing.has(index) {
+                place.live = 0;
             }
         }
     }
@@ -638,7 +647,7 @@ mod tests {
         };
         let published = asked(&roster);
         let count = |roster: &Roster, published| {
-            missing(7, false, &Answers::NONE, (roster, published), |_, _| false).count
+            missing(7, false, &Answers::NONE, (roster, published), |_, _| false).count()
         };
         assert_eq!(count(&roster, &published), 1);
         roster.participants[0].live = 0;

@@ -15,18 +15,18 @@ pub fn cycle<D: Drives, P: MasterPorts>(
     let scan = master.scan();
     let ask_planner = master.is_period_boundary();
     ports.read_roster();
-    if ports.begin_scan(&master.feedback(), ask_planner) == Flow::Leave {
+    if ports.begin_scan(master.tell(), ask_planner) == Flow::Leave {
         return Ok(Flow::Leave);
     }
     if master.is_last() {
         ports.finish(scan);
         return Ok(Flow::Leave);
     }
-    let instruments = master.exchange();
+    master.exchange();
     if let Some(cycle) = master.bus_cycle() {
         ports.publish_bus_cycle(&cycle);
     }
-    ports.publish_instruments(&instruments);
+    ports.publish_instruments(master.instruments());
     ports.follow_drives(master.drives().exchanged_late_ns());
     ports.save(&master.latches(), master.drives());
     let Answered::Scan { overrun_scans } = ports.await_answers(scan, ask_planner)? else {

@@ -1,8 +1,10 @@
 //! The master, pure: it latches what the machine does, admits windows, hands commands to the drives and says in
 //! the feedback what everybody obeys. Reads no clock and no port: [`cycle`](mod@crate::cycle) brings the answers.
 
+use std::mem::offset_of;
+
 use bus::sample::{
-    BusCycle, Cause, Feedback, Instruments, Job, MAX_AXES, Mode, Roster, Setpoint, WindowHeader,
+    BusCycle, Cause, Feedback, Instruments, Job, Mode, PATH_AXES, Roster, Setpoint, WindowHeader,
     WindowId,
 };
 use bytemuck::Zeroable;
@@ -51,7 +53,7 @@ use manual::Manual;
 use modes::Modes;
 use program::Loaded;
 pub use program::RunEnd;
-use questions::program_positions;
+use questions::program_position;
 use silence::NextScan;
 use switching_on::SwitchingOn;
 
@@ -72,12 +74,16 @@ pub struct Master<D> {
     manual: Manual,
     program: Loaded,
     /// Command positions that the program was started from.
-    program_start: [i64; MAX_AXES],
+    program_start: [i64; PATH_AXES],
     auxiliary: Auxiliary,
     drives: D,
     /// Commands of one scan, by axis.
     drive_commands: Vec<DriveCommand>,
     digest: MotionDigest,
+    /// What was told last, once something was.
+    told: Option<Box<Feedback>>,
+    /// What the instruments saw last.
+    seen: Box<Instruments>,
 }
 
 /// What does not change in the life of a master.
@@ -123,10 +129,12 @@ impl<D: Drives> Master<D> {
             losses: Losses::new(machine, run_end),
             manual: Manual::new(machine),
             program: Loaded::new(run_end),
-            program_start: [0; MAX_AXES],
+            program_start: [0; PATH_AXES],
             auxiliary: Auxiliary::new(machine),
             drives,
             digest: MotionDigest::new(),
+            told: Some(Box::new(Feedback::zeroed())),
+            seen: Box::new(Instruments::zeroed()),
         };
         master.gantries.align(&mut master.axes);
         master.couple_gantries();
@@ -154,26 +162,46 @@ impl<D: Drives> Master<D> {
     /// What everybody obeys in this scan.
     pub fn feedback(&self) -> Feedback {
         let mut feedback = Feedback::zeroed();
+        self.fill(&mut feedback);
+        feedback
+    }
+
+    /// The same, written where that of the scan before was: what is not in use stays 0.
+    pub(crate) fn tell(&mut self) -> &Feedback {
+        let told = self.told.take();
+        let mut told = told.unwrap_or_else(|| Box::new(Feedback::zeroed()));
+        let head = bytemuck::bytes_of_mut(&mut *told).get_mut(..offset_of!(Feedback, axes));
+        head.unwrap_or_default().fill(0);
+        self.fill(&mut told);
+        self.told.insert(told)
+    }
+
+    fn fill(&self, feedback: &mut Feedback) {
         feedback.scan = self.scan;
         feedback.visible_from = self.scan;
-        self.windows.tell(self.scan, &mut feedback);
+        self.windows.tell(self.scan, feedback);
         feedback.program_start = self.program_start;
         feedback.incarnation = self.timing.incarnation;
-        self.modes.tell(&mut feedback);
+        self.modes.tell(feedback);
         feedback.overrun_scans = self.losses.overrun_scans();
         feedback.axis_count = self.axes.len() as u32;
-        self.program.tell(&mut feedback);
-        self.auxiliary.tell(&mut feedback);
+        feedback.path_axes = self.axes.of_path().count() as u32;
+        self.program.tell(feedback);
+        self.auxiliary.tell(feedback);
         for (out, axis) in feedback.axes.iter_mut().zip(self.axes.iter()) {
             *out = axis.tell();
         }
-        feedback
+    }
+
+    /// The readings of the instruments in the last exchange.
+    pub fn instruments(&self) -> &Instruments {
+        &self.seen
     }
 
     /// Hands the commands in force to the drives and takes what they show at the end of this scan; the instruments'
     /// readings of it.
-    pub fn exchange(&mut self) -> Instruments {
-        let mut out = Instruments::zeroed();
+    pub fn exchange(&mut self) -> &Instruments {
+        let out = &mut self.seen;
         out.scan = self.scan;
         out.visible_from = self.scan + 1;
         out.subsamples = self.timing.subsamples;
@@ -199,15 +227,15 @@ impl<D: Drives> Master<D> {
         self.drives.command_levels(&self.auxiliary.levels());
         self.drives.exchange(&self.drive_commands);
         self.auxiliary.take(self.drives.auxiliary());
-        let from = program_positions(&self.axes);
+        let from = self.axes.on_path(program_position);
         let taken = self.timing.subsamples as usize;
-        let setpoints = out.table_mm.iter_mut().zip(&mut out.motor_mm);
         let axes = self.axes.iter_mut().zip(&self.drive_commands).enumerate();
-        for ((index, (axis, command)), (table, motor)) in axes.zip(setpoints) {
+        for ((index, (axis, command)), seen) in axes.zip(&mut self.seen.axes) {
             axis.take_drive(self.drives.feedback(index));
             let samples = self.drives.instruments(index);
             let samples = samples.get(..taken).unwrap_or(samples);
-            for ((sample, table), motor) in samples.iter().zip(table).zip(motor) {
+            let places = seen.table_mm.iter_mut().zip(&mut seen.motor_mm);
+            for (sample, (table, motor)) in samples.iter().zip(places) {
                 *table = sample.table_mm;
                 *motor = sample.motor_mm;
             }
@@ -217,9 +245,10 @@ impl<D: Drives> Master<D> {
                 samples.last().map_or(0.0, |s| s.table_mm),
             );
         }
-        let to = program_positions(&self.axes);
+        let to = self.axes.on_path(program_position);
         let inputs = self.drives.inputs();
         self.auxiliary.questions.take(inputs, &from, &to);
+        let out = &mut self.seen;
         (out.motion_digest_high, out.motion_digest_low) = self.digest.end();
         out
     }
@@ -312,15 +341,15 @@ impl<D: Drives> Master<D> {
         let watchdog_scans = self.timing.watchdog_scans;
         for (index, (axis, commands)) in self.axes.iter_mut().zip(&answers.commands).enumerate() {
             let exact = self.timing.exact || axis.hand.is_on();
-            let position = next.planned(axis, index).filter(|_| exact && closed);
+            let position = next.planned(axis).filter(|_| exact && closed);
             let plan = (in_force, position, closed);
             let taken = axis.decide_command(self.scan, index, commands, roster, plan);
             axis.hand.heed(&taken);
             axis.servos.judge_standby(index, roster);
             let mut fault = axis.take(&taken, watchdog_scans);
             if closed {
-                fault = match axis.bridge_silence(&taken, fault, &next, index) {
-                    Cause::None => next.broken_guard(axis, index),
+                fault = match axis.bridge_silence(&taken, fault, &next) {
+                    Cause::None => next.broken_guard(axis),
                     cause => cause,
                 };
             }
@@ -358,11 +387,11 @@ impl<D: Drives> Master<D> {
         let started = self.windows.has_started();
         // After the trip of a probe, no window goes further along the path than the one in force does.
         let brakes = self.auxiliary.questions.brakes();
-        let commanded = self.axes.iter().map(AxisUnit::command_position);
+        let commanded = || self.axes.of_path().map(AxisUnit::command_position);
         let allowed = self.mode() == Mode::Enabled
             && self.axes.are_homed()
             && self.axes.are_within_travel()
-            && self.windows.pending_begins_at(commanded)
+            && self.windows.pending_begins_at(commanded())
             && (!brakes || self.windows.pending_rests_no_later());
         self.windows.decide(self.scan + 1, allowed, held_by_all);
         if !started && self.windows.has_started() {

@@ -1,7 +1,7 @@
 //! What outlives a master: its latches and the state of its drives, saved each scan, so that a replacement knows where the
 //! axes really are and where the path was left.
 
-use bus::sample::{Answer, Levels, MAX_AXES};
+use bus::sample::{Answer, Levels, MAX_AXES, PATH_AXES};
 use bytemuck::{Pod, Zeroable};
 
 use crate::drives::{Drives, StateRefused};
@@ -18,7 +18,7 @@ pub struct Latches {
     /// Where the path was left.
     pub left: Left,
     /// Command positions the program was started from.
-    pub program_start: [i64; MAX_AXES],
+    pub program_start: [i64; PATH_AXES],
     /// Override in percent.
     pub override_percent: u32,
     /// Scans overrun so far.
@@ -68,7 +68,7 @@ pub struct AuxiliaryLatches {
     /// Place of the axis that the spindle turns about, in mm.
     pub surface_centre_mm: f64,
     /// Offset of the tool that is applied, by axis, in mm and degrees.
-    pub tool_offset: [f64; MAX_AXES],
+    pub tool_offset: [f64; PATH_AXES],
     /// Events of the program that are done.
     pub events_done: u32,
     /// 1 clockwise, 2 counter-clockwise, 0 at rest.

@@ -1,7 +1,7 @@
 //! Which window is executed: decided here, in one place, for all axes at once (docs/developers/architecture.md, Windows).
 
 use bus::sample::{
-    Feedback, MAX_AXES, MAX_WINDOW_SETPOINTS, PathTag, Setpoint, WindowHeader, WindowId,
+    Feedback, MAX_WINDOW_SETPOINTS, PATH_AXES, PathTag, Setpoint, WindowHeader, WindowId,
 };
 use bytemuck::{Pod, Zeroable};
 
@@ -174,7 +174,7 @@ impl WindowArbiter {
     }
 
     /// Where the window in force has the axes in this scan, in increments; none without a window.
-    pub fn positions(&self, scan: u64) -> Option<&[i64; MAX_AXES]> {
+    pub fn positions(&self, scan: u64) -> Option<&[i64; PATH_AXES]> {
         let setpoint = self.in_force.setpoint(scan);
         let setpoint = self.in_force.setpoints.get(setpoint as usize)?;
         Some(&setpoint.position)

@@ -152,7 +152,7 @@ impl Bench {
     fn scan_at(&mut self, speed_mm_s: f64) -> Feedback {
         let feedback = self.master.feedback();
         let increments = (speed_mm_s * SCAN_S * 1e6) as i64;
-        let mut answers = Answers::NONE;
+        let mut answers = Answers::of_axes(bus::sample::MAX_AXES);
         for (axis, commands) in answers.commands.iter_mut().take(AXES).enumerate() {
             commands[0] = Some(AxisCommand {
                 scan: feedback.scan,

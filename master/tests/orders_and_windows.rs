@@ -63,7 +63,7 @@ impl Bench {
     /// A good command of each servo for this scan.
     fn good_answers(&self) -> Answers {
         let feedback = self.side.feedback();
-        let mut answers = Answers::NONE;
+        let mut answers = Answers::of_axes(bus::sample::MAX_AXES);
         for (axis, commands) in answers.commands.iter_mut().take(AXES).enumerate() {
             commands[0] = Some(AxisCommand {
                 scan: feedback.scan,
@@ -127,7 +127,7 @@ impl Bench {
         predecessor: WindowId,
     ) -> WindowId {
         let feedback = self.side.feedback();
-        let mut position = [0; bus::sample::MAX_AXES];
+        let mut position = [0; bus::sample::PATH_AXES];
         for (value, axis) in position.iter_mut().zip(feedback.axes()) {
             *value = axis.command_position;
         }
@@ -544,7 +544,7 @@ impl Bench {
         let feedback = self.side.feedback();
         let mut setpoints = [Setpoint::zeroed(); 4];
         for setpoint in &mut setpoints {
-            setpoint.position = feedback.axes.map(|axis| axis.command_position);
+            setpoint.position = feedback.path_positions();
         }
         let header = WindowHeader {
             id: WindowId {

@@ -72,7 +72,7 @@ impl Bench {
     /// One scan in which everybody who lives says the same; `change` may spoil it.
     fn scan(&mut self, change: impl FnOnce(&mut Answers)) -> Feedback {
         let feedback = self.side.feedback();
-        let mut answers = Answers::NONE;
+        let mut answers = Answers::of_axes(bus::sample::MAX_AXES);
         for place in self.roster.participants.iter().filter(|p| p.live == 1) {
             if place.job != Job::Servo as u32 {
                 continue;

@@ -244,9 +244,9 @@ impl SyntheticRun {
             feedback.axes[axis].winding_k = 5.0;
             for sub in 0..4 {
                 let at = self.table(time_s + (sub + 1) as f64 * self.period_s / 4.0);
-                instruments.table_mm[axis][sub] = at[axis];
+                instruments.axes[axis].table_mm[sub] = at[axis];
                 // Asked for in the scan before, in force in this one.
-                instruments.motor_mm[axis][sub] =
+                instruments.axes[axis].motor_mm[sub] =
                     at[axis] + self.backlash_mm(scan as i64 - 1, axis);
             }
             let mut command = AxisCommand::zeroed();

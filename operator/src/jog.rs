@@ -273,12 +273,24 @@ impl<'a> Places<'a> {
             }
             ways
         });
-        let ways = (0u32..)
-            .zip(all.iter().copied())
-            .zip(machine.program_axes());
-        ways.filter(|((_, way), of)| (way / of.increment_mm()).round() != 0.0)
-            .map(|(way, _)| way)
-            .collect()
+        let named = (0u32..).zip(all.iter().copied());
+        let named = named.take(machine.program_axes().len());
+        let others = places.iter().filter_map(|(axis, place)| {
+            let at = self.of_machine(*axis as usize)?;
+            Some((*axis, place - at))
+        });
+        let moves = |(axis, way): &(u32, f64)| {
+            let of = machine.axes.get(*axis as usize);
+            of.is_some_and(|of| (way / of.increment_mm()).round() != 0.0)
+        };
+        named.chain(others).filter(moves).collect()
+    }
+
+    /// Place of an axis without a letter as it reads now: it has no work coordinates.
+    fn of_machine(&self, index: usize) -> Option<f64> {
+        let axis = self.client.machine.axes.get(index)?;
+        let at = self.now.axes().get(index)?.command_position as f64;
+        (!axis.has_letter()).then(|| axis.shown(at * axis.increment_mm()))
     }
 
     /// Where the axis of a refusal may be jogged to, as the places that were given are counted; under a rotation by the axis itself.
@@ -302,10 +314,12 @@ impl<'a> Places<'a> {
                 "{beyond}: the work coordinates are turned, and from here axis {name} of the machine may go {low:+.3} to {high:+.3} {unit}"
             );
         }
-        let at = self.shown().get(index).copied().unwrap_or(0.0);
+        let of_machine = self.of_machine(index);
+        let at = of_machine.or_else(|| self.shown().get(index).copied());
+        let at = at.unwrap_or(0.0);
         let of = match self.state {
-            Some(_) => "in work coordinates",
-            None => "of the machine",
+            Some(_) if of_machine.is_none() => "in work coordinates",
+            _ => "of the machine",
         };
         let (low, high) = (at + low, at + high);
         format!(

@@ -135,7 +135,7 @@ pub(super) struct Checked {
 /// Checks the program against the machine, from where its axes are.
 pub(super) fn check(client: &Client, file: &Path, now: &Feedback) -> anyhow::Result<Checked> {
     let machine = &client.machine_of_next_program(&now.auxiliary)?;
-    let start = now.axes.map(|axis| axis.command_position);
+    let start = now.path_positions();
     let name = file.display().to_string();
     let short = program::load_if_short(machine, &start, file, program::SHORT_ELEMENTS, &[])?;
     let (notes, elements, length_mm, ends_by_word) = match short {
@@ -308,7 +308,7 @@ fn begins_at(client: &Client, now: &Feedback, line: u32) -> anyhow::Result<()> {
         return Ok(());
     };
     let machine = client.machine_of_next_program(&now.auxiliary)?;
-    let start = now.axes.map(|axis| axis.command_position);
+    let start = now.path_positions();
     check::start_line(&machine, &file, start, line)
 }
 

@@ -1,21 +1,21 @@
 //! How fast the axes change with the distance on a piece of path.
-use crate::geometry::{AxisVector, Element, MAX_AXES, Shape};
+use crate::geometry::{AxisVector, Element, PATH_AXES, Shape};
 
 /// Highest rates of change along a piece of path with the distance on it, as magnitudes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AxisRates {
     /// First derivative of each component, per mm.
-    pub first: [f64; MAX_AXES],
+    pub first: [f64; PATH_AXES],
     /// Second derivative of each component, per mm².
-    pub second: [f64; MAX_AXES],
+    pub second: [f64; PATH_AXES],
 }
 
 impl AxisRates {
     /// Those of the tool all along an element.
     pub fn of(element: &Element) -> Self {
         let mut rates = Self {
-            first: [0.0; MAX_AXES],
-            second: [0.0; MAX_AXES],
+            first: [0.0; PATH_AXES],
+            second: [0.0; PATH_AXES],
         };
         let straight = element.tangent(0.0);
         let of_axes = rates.first.iter_mut().zip(&mut rates.second);

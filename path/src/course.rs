@@ -14,7 +14,7 @@
 use std::cell::OnceCell;
 use std::ops::Range;
 
-use crate::geometry::{AxisVector, Element, Feed, MAX_AXES, Shape};
+use crate::geometry::{AxisVector, Element, Feed, PATH_AXES, Shape};
 use crate::path_part::{Laid, PathPart};
 use crate::positioning::rapids as positioning;
 use crate::segment::{Acceleration, Segment};
@@ -87,17 +87,17 @@ impl Stretch<'_> {
 struct Junction {
     at_mm: f64,
     /// Jump of the tangent, per axis.
-    kink: [f64; MAX_AXES],
+    kink: [f64; PATH_AXES],
     /// Jump of the tangent that a third difference sees at most as much of as of the junction, jump of the curvature included, per axis.
-    seen_as: [f64; MAX_AXES],
+    seen_as: [f64; PATH_AXES],
     speed_mm_s: f64,
 }
 
 /// What junctions take of each axis, in mm/s²: of its acceleration, and of what its jerk leaves of that to them.
 #[derive(Default)]
 struct Reserved {
-    of_acceleration: [f64; MAX_AXES],
-    of_jerk: [f64; MAX_AXES],
+    of_acceleration: [f64; PATH_AXES],
+    of_jerk: [f64; PATH_AXES],
 }
 
 impl Junction {
@@ -275,7 +275,7 @@ impl<'a> Course<'a> {
     /// What a junction alone may take of an axis by its acceleration, and by its jerk: a third difference is the difference of two second
     /// ones over the scan period, and each of them may see the junction. In mm/s².
     fn of_junctions_mm_s2(&self, axis: usize) -> (f64, f64) {
-        let of = |limits: &[f64; MAX_AXES]| limits.get(axis).copied().unwrap_or(f64::INFINITY);
+        let of = |limits: &[f64; PATH_AXES]| limits.get(axis).copied().unwrap_or(f64::INFINITY);
         (
             JUNCTION_SHARE * of(&self.limits.acceleration_mm_s2),
             0.5 * JUNCTION_JERK_SHARE * of(&self.limits.jerk_mm_s3) * self.scan_period_s,
@@ -347,8 +347,8 @@ impl<'a> Course<'a> {
         }
         let mut junction = Junction {
             at_mm,
-            kink: [0.0; MAX_AXES],
-            seen_as: [0.0; MAX_AXES],
+            kink: [0.0; PATH_AXES],
+            seen_as: [0.0; PATH_AXES],
             speed_mm_s: fastest_mm_s,
         };
         let of_axes = junction.kink.iter_mut().zip(&mut junction.seen_as);

@@ -16,17 +16,17 @@ use nalgebra::SVector;
 
 pub use correction::{Correction, CubicPiece};
 
-/// The most axes one cell can have.
-pub const MAX_AXES: usize = 8;
+/// The most axes that a path moves. More in a vector would cost every step of planning; a cell may have other axes beside these.
+pub const PATH_AXES: usize = 8;
 
 /// One value per axis, in axis units (mm for slides, degrees for rotary axes); unused axes are zero.
-pub type AxisVector = SVector<f64, MAX_AXES>;
+pub type AxisVector = SVector<f64, PATH_AXES>;
 
 /// Which axes are rotary (true); they count in degrees and stay out of a path length as long as any slide moves.
-pub type RotaryAxes = [bool; MAX_AXES];
+pub type RotaryAxes = [bool; PATH_AXES];
 
 /// No rotary axis: every axis counts in the path length.
-pub const ALL_LINEAR: RotaryAxes = [false; MAX_AXES];
+pub const ALL_LINEAR: RotaryAxes = [false; PATH_AXES];
 
 /// How fast an element may be travelled.
 #[derive(Debug, Clone, Copy, PartialEq)]

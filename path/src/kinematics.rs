@@ -1,6 +1,6 @@
 //! From places of the tool, in the coordinates of programs, to places of the axes, and back.
 use crate::axis_rates::AxisRates;
-use crate::geometry::{AxisVector, Element, MAX_AXES};
+use crate::geometry::{AxisVector, Element, PATH_AXES};
 use crate::pivot::{OutOfReach, PivotY};
 
 /// How the axes carry the tool.
@@ -52,8 +52,8 @@ impl Kinematics {
             Kinematics::Cartesian => gap.abs(),
             Kinematics::PivotY(pivot) => {
                 let mut of_tool = AxisRates {
-                    first: [0.0; MAX_AXES],
-                    second: [0.0; MAX_AXES],
+                    first: [0.0; PATH_AXES],
+                    second: [0.0; PATH_AXES],
                 };
                 for (first, component) in of_tool.first.iter_mut().zip(gap) {
                     *first = component.abs();

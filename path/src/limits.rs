@@ -2,7 +2,7 @@
 
 use thiserror::Error;
 
-use crate::geometry::{AxisVector, MAX_AXES};
+use crate::geometry::{AxisVector, PATH_AXES};
 use crate::kinematics::Kinematics;
 use crate::setpoint_settings::{SetpointSettings, StraightLines};
 
@@ -32,7 +32,7 @@ pub struct MotionLimits {
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum LimitsError {
     /// No axis or too many.
-    #[error("{0} axes: a machine has 1 to {MAX_AXES}")]
+    #[error("{0} axes: a machine has 1 to {PATH_AXES}")]
     AxisCount(usize),
     /// The scan period is not a positive number.
     #[error("scan period of {0} s: must be above 0")]
@@ -103,7 +103,7 @@ impl MotionLimits {
         scan_period_s: f64,
         setpoints: SetpointSettings,
     ) -> Result<Self, LimitsError> {
-        if axes.is_empty() || axes.len() > MAX_AXES {
+        if axes.is_empty() || axes.len() > PATH_AXES {
             return Err(LimitsError::AxisCount(axes.len()));
         }
         if !(scan_period_s > 0.0 && scan_period_s.is_finite()) {
@@ -185,8 +185,8 @@ impl MotionLimits {
     }
 
     /// The whole increments nearest to a position; 0 for unused axes.
-    pub fn increments(&self, position: &AxisVector) -> [i64; MAX_AXES] {
-        let mut increments = [0; MAX_AXES];
+    pub fn increments(&self, position: &AxisVector) -> [i64; PATH_AXES] {
+        let mut increments = [0; PATH_AXES];
         for ((of_axis, component), axis) in increments.iter_mut().zip(position).zip(&self.axes) {
             *of_axis = nearest(component / axis.increment_mm);
         }
@@ -194,17 +194,17 @@ impl MotionLimits {
     }
 
     /// Speed that a plan may use on each axis, in mm/s; infinite for unused axes.
-    pub(crate) fn plan_velocity_mm_s(&self) -> [f64; MAX_AXES] {
+    pub(crate) fn plan_velocity_mm_s(&self) -> [f64; PATH_AXES] {
         self.each(|axis| axis.velocity_mm_s - self.velocity_rounding_mm_s(axis))
     }
 
     /// Acceleration that a plan may use on each axis, in mm/s²; infinite for unused axes.
-    pub(crate) fn plan_acceleration_mm_s2(&self) -> [f64; MAX_AXES] {
+    pub(crate) fn plan_acceleration_mm_s2(&self) -> [f64; PATH_AXES] {
         self.each(|axis| axis.acceleration_mm_s2 - self.acceleration_rounding_mm_s2(axis))
     }
 
     /// Jerk that a plan may use on each axis, in mm/s³; infinite for unused axes and where it is not limited.
-    pub(crate) fn plan_jerk_mm_s3(&self) -> [f64; MAX_AXES] {
+    pub(crate) fn plan_jerk_mm_s3(&self) -> [f64; PATH_AXES] {
         self.each(|axis| axis.jerk_mm_s3 - self.jerk_rounding_mm_s3(axis))
     }
 
@@ -232,8 +232,8 @@ impl MotionLimits {
         }
     }
 
-    fn each(&self, value: impl Fn(&AxisLimits) -> f64) -> [f64; MAX_AXES] {
-        let mut values = [f64::INFINITY; MAX_AXES];
+    fn each(&self, value: impl Fn(&AxisLimits) -> f64) -> [f64; PATH_AXES] {
+        let mut values = [f64::INFINITY; PATH_AXES];
         for (of_axis, axis) in values.iter_mut().zip(&self.axes) {
             *of_axis = value(axis);
         }

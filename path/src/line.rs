@@ -1,7 +1,7 @@
 //! A straight line from one position pattern: one axis runs it, the others follow by division with a carried remainder.
-use crate::geometry::MAX_AXES;
+use crate::geometry::PATH_AXES;
 
-/// A straight line between two places in whole increments, of any number of axes up to [`MAX_AXES`].
+/// A straight line between two places in whole increments, of any number of axes up to [`PATH_AXES`].
 ///
 /// The axis of the largest travel is the *master* (of equal ones the first): it alone runs the position pattern. Each scan
 /// its increment δx drives every other axis through an integrator with a remainder of its own:
@@ -22,9 +22,9 @@ use crate::geometry::MAX_AXES;
 /// increments, where nothing overflows. A line of no travel stays at its start.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct StraightLine {
-    from: [i64; MAX_AXES],
+    from: [i64; PATH_AXES],
     /// Signed travel of each axis.
-    travel: [i128; MAX_AXES],
+    travel: [i128; PATH_AXES],
     master: usize,
 }
 
@@ -32,9 +32,9 @@ pub struct StraightLine {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct LineState {
     /// I of the source, per axis: travel so far, counted in the direction of the axis' own travel.
-    pub travelled: [i128; MAX_AXES],
+    pub travelled: [i128; PATH_AXES],
     /// B of the source, per axis.
-    pub remainder: [i128; MAX_AXES],
+    pub remainder: [i128; PATH_AXES],
 }
 
 /// Largest place of an axis, in increments: the square of a travel between two of them fits 128 bits.
@@ -42,9 +42,9 @@ const PLACE_MAX: i64 = 1 << 62;
 
 impl StraightLine {
     /// The line from one place to another.
-    pub fn new(from: [i64; MAX_AXES], to: [i64; MAX_AXES]) -> Self {
+    pub fn new(from: [i64; PATH_AXES], to: [i64; PATH_AXES]) -> Self {
         let [from, to] = [from, to].map(|ends| ends.map(|end| end.clamp(-PLACE_MAX, PLACE_MAX)));
-        let mut travel = [0; MAX_AXES];
+        let mut travel = [0; PATH_AXES];
         let (mut master, mut longest) = (0, 0);
         for (axis, ((travel, from), to)) in travel.iter_mut().zip(&from).zip(&to).enumerate() {
             *travel = i128::from(*to) - i128::from(*from);
@@ -88,7 +88,7 @@ impl StraightLine {
     }
 
     /// The place a state is at, in increments.
-    pub fn place(&self, state: &LineState) -> [i64; MAX_AXES] {
+    pub fn place(&self, state: &LineState) -> [i64; PATH_AXES] {
         let mut place = self.from;
         let of_axes = place.iter_mut().zip(&state.travelled).zip(&self.travel);
         for ((place, travelled), travel) in of_axes {
@@ -99,7 +99,7 @@ impl StraightLine {
 
     /// The closed form of the same: the place at which the master is at `master_position`, in increments, held
     /// between start and end. A planner that starts again at any setpoint needs no remainder to go on with.
-    pub fn at_master(&self, master_position: i64) -> [i64; MAX_AXES] {
+    pub fn at_master(&self, master_position: i64) -> [i64; PATH_AXES] {
         let whole = self.master_travel();
         let travel = self.travel.get(self.master).copied().unwrap_or(0);
         let from = self.from.get(self.master).copied().unwrap_or(0);
@@ -124,9 +124,9 @@ mod tests {
     use proptest::prelude::*;
 
     fn line(travel: &[i64]) -> StraightLine {
-        let mut to = [0; MAX_AXES];
+        let mut to = [0; PATH_AXES];
         to.iter_mut().zip(travel).for_each(|(to, by)| *to = *by);
-        StraightLine::new([0; MAX_AXES], to)
+        StraightLine::new([0; PATH_AXES], to)
     }
 
     #[test]
@@ -159,18 +159,18 @@ mod tests {
         for x in [1, far / 3, far / 2, far - 1] {
             assert_eq!(line.at_master(x)[1], -(x - 1), "at {x}");
         }
-        let ends = StraightLine::new([i64::MIN; MAX_AXES], [i64::MAX; MAX_AXES]);
-        assert_eq!(ends.at_master(i64::MAX), [PLACE_MAX; MAX_AXES]);
-        assert_eq!(ends.at_master(0), [0; MAX_AXES]);
+        let ends = StraightLine::new([i64::MIN; PATH_AXES], [i64::MAX; PATH_AXES]);
+        assert_eq!(ends.at_master(i64::MAX), [PLACE_MAX; PATH_AXES]);
+        assert_eq!(ends.at_master(0), [0; PATH_AXES]);
     }
 
     #[test]
     fn a_line_of_no_travel_stays_where_it_is() {
-        let line = StraightLine::new([7; MAX_AXES], [7; MAX_AXES]);
+        let line = StraightLine::new([7; PATH_AXES], [7; PATH_AXES]);
         let mut state = LineState::default();
         line.advance(&mut state, 3);
-        assert_eq!(line.place(&state), [7; MAX_AXES]);
-        assert_eq!(line.at_master(100), [7; MAX_AXES]);
+        assert_eq!(line.place(&state), [7; PATH_AXES]);
+        assert_eq!(line.at_master(100), [7; PATH_AXES]);
     }
 
     /// A travel of any size up to 10 m at 1 nm, either sign, zero among them.

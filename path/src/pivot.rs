@@ -2,7 +2,7 @@
 use thiserror::Error;
 
 use crate::axis_rates::AxisRates;
-use crate::geometry::{AxisVector, Element, MAX_AXES, Path};
+use crate::geometry::{AxisVector, Element, PATH_AXES, Path};
 use crate::travel::Travel;
 
 /// Degrees per radian.
@@ -175,7 +175,7 @@ impl PivotY {
     pub fn rates_at_most(&self, y_max_mm: f64, of_tool: &AxisRates) -> AxisRates {
         let (tangent, per_mm) = self.slopes(y_max_mm);
         let cosine = 1.0 / (self.arm_length_mm * per_mm);
-        let of = |rates: &[f64; MAX_AXES], axis: usize| rates.get(axis).copied().unwrap_or(0.0);
+        let of = |rates: &[f64; PATH_AXES], axis: usize| rates.get(axis).copied().unwrap_or(0.0);
         let first = of(&of_tool.first, self.arm);
         let second = of(&of_tool.second, self.arm);
         let mut rates = *of_tool;

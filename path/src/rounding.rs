@@ -31,7 +31,7 @@ mod tests;
 
 use nalgebra::SVector;
 
-use crate::geometry::{AxisVector, Element, Feed, MAX_AXES, RotaryAxes, Shape};
+use crate::geometry::{AxisVector, Element, Feed, PATH_AXES, RotaryAxes, Shape};
 
 pub(crate) use half_widths::NEIGHBOURS;
 pub(crate) use junctions::Junctions;
@@ -66,7 +66,7 @@ impl Default for RoundingSettings {
         Self {
             corner_angle_rad: std::f64::consts::FRAC_PI_6,
             rotary_tolerance_deg: 0.05,
-            rotary: [false; MAX_AXES],
+            rotary: [false; PATH_AXES],
         }
     }
 }

@@ -1,5 +1,5 @@
 //! How setpoints are made of a path.
-use crate::geometry::{Element, MAX_AXES, Shape};
+use crate::geometry::{Element, Shape};
 use crate::kinematics::Kinematics;
 use crate::rounding::RoundingSettings;
 
@@ -25,38 +25,6 @@ pub struct SetpointSettings {
     pub rounding: RoundingSettings,
     /// Frequency of the machine that motion is not to excite, in Hz.
     pub vibration_hz: Option<f64>,
-    /// Motors beside those of the axes that a path has.
-    pub second_motors: SecondMotors,
-}
-
-/// Second motors of gantries: each gets the setpoint of an axis of the path, in a place behind those axes.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct SecondMotors {
-    /// By the place of the motor, the place of its axis.
-    leader: [Option<u8>; MAX_AXES],
-}
-
-impl SecondMotors {
-    /// The motor in this place follows the axis in that one.
-    #[must_use]
-    pub fn with(mut self, follower: usize, leader: usize) -> SecondMotors {
-        if let Some(slot) = self.leader.get_mut(follower) {
-            *slot = u8::try_from(leader).ok();
-        }
-        self
-    }
-
-    /// Gives each second motor the setpoint of its axis.
-    pub(crate) fn follow(&self, mut increments: [i64; MAX_AXES]) -> [i64; MAX_AXES] {
-        for (follower, leader) in self.leader.iter().enumerate() {
-            let Some(leader) = leader else { continue };
-            let of_leader = increments.get(usize::from(*leader)).copied();
-            if let (Some(slot), Some(of_leader)) = (increments.get_mut(follower), of_leader) {
-                *slot = of_leader;
-            }
-        }
-        increments
-    }
 }
 
 impl SetpointSettings {

@@ -1,5 +1,5 @@
 //! How a place of the path becomes a setpoint of whole increments: the one border between the two.
-use crate::geometry::{AxisVector, Element, MAX_AXES, Shape};
+use crate::geometry::{AxisVector, Element, PATH_AXES, Shape};
 use crate::kinematics::Kinematics;
 use crate::limits::{AxisLimits, MotionLimits, nearest};
 use crate::line::StraightLine;
@@ -7,13 +7,8 @@ use crate::setpoint_settings::StraightLines;
 
 impl MotionLimits {
     /// The setpoint of the place `distance_mm` along an element, in increments; 0 for unused axes. A pure function of both: any
-    /// planner makes the same setpoint there. Second motors have that of their axis.
-    pub fn setpoint(&self, element: &Element, distance_mm: f64) -> [i64; MAX_AXES] {
-        let increments = self.setpoint_of_path(element, distance_mm);
-        self.setpoints().second_motors.follow(increments)
-    }
-
-    fn setpoint_of_path(&self, element: &Element, distance_mm: f64) -> [i64; MAX_AXES] {
+    /// planner makes the same setpoint there.
+    pub fn setpoint(&self, element: &Element, distance_mm: f64) -> [i64; PATH_AXES] {
         let setpoints = self.setpoints();
         if let Shape::Line { from, to } = &element.shape
             && setpoints.kinematics == Kinematics::Cartesian
@@ -23,7 +18,7 @@ impl MotionLimits {
             return match axes.len() {
                 0..=2 => on_line::<2>(axes, element, ends, distance_mm),
                 3..=4 => on_line::<4>(axes, element, ends, distance_mm),
-                _ => on_line::<MAX_AXES>(axes, element, ends, distance_mm),
+                _ => on_line::<PATH_AXES>(axes, element, ends, distance_mm),
             };
         }
         let axes = setpoints.kinematics.axes(&element.point(distance_mm));
@@ -50,7 +45,7 @@ fn on_line<const AXES: usize>(
     element: &Element,
     ends: [&AxisVector; 2],
     distance_mm: f64,
-) -> [i64; MAX_AXES] {
+) -> [i64; PATH_AXES] {
     let [from, to] = ends.map(first_axes::<AXES>);
     let share = distance_mm / element.length_mm;
     let mut place_mm = if distance_mm <= 0.0 || share <= 0.0 {
@@ -75,7 +70,7 @@ fn on_line<const AXES: usize>(
             *place_mm += value + (first + (second + third * by_three) * by_two) * y;
         }
     }
-    let mut increments = [0; MAX_AXES];
+    let mut increments = [0; PATH_AXES];
     for ((increments, place_mm), axis) in increments.iter_mut().zip(&place_mm).zip(axes) {
         *increments = nearest(place_mm / axis.increment_mm);
     }
@@ -93,32 +88,6 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::geometry::Feed;
-    use crate::setpoint_settings::{SecondMotors, SetpointSettings};
-
-    #[test]
-    fn a_second_motor_has_the_setpoint_of_its_axis_on_every_kind_of_line() {
-        let slide = AxisLimits {
-            velocity_mm_s: 250.0,
-            acceleration_mm_s2: 2000.0,
-            jerk_mm_s3: f64::INFINITY,
-            increment_mm: 1e-6,
-        };
-        let mut to = AxisVector::zeros();
-        (to[0], to[1]) = (3.0, -7.0);
-        let line = Element::line(1, AxisVector::zeros(), to, Feed::Rapid);
-        for straight_lines in [StraightLines::Rounded, StraightLines::MasterAxis] {
-            let settings = SetpointSettings {
-                straight_lines,
-                second_motors: SecondMotors::default().with(2, 1),
-                ..SetpointSettings::default()
-            };
-            let limits = MotionLimits::with_setpoints(&[slide; 2], 1e-3, settings).unwrap();
-            let [x, y, y2, rest @ ..] = limits.setpoint(&line, 0.5 * line.length_mm);
-            assert_eq!((x, y, y2), (1_500_000, -3_500_000, -3_500_000));
-            assert_eq!(rest, [0; 5]);
-        }
-    }
 
     proptest! {
         #[test]

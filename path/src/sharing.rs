@@ -2,11 +2,11 @@
 
 #![expect(
     clippy::indexing_slicing,
-    reason = "each index counts the axes of arrays that have MAX_AXES"
+    reason = "each index counts the axes of arrays that have PATH_AXES"
 )]
 
 use crate::axis_rates::AxisRates;
-use crate::geometry::{AxisVector, CubicPiece, Element, MAX_AXES, Shape};
+use crate::geometry::{AxisVector, CubicPiece, Element, PATH_AXES, Shape};
 use crate::kinematics::Kinematics;
 use crate::limits::MotionLimits;
 
@@ -23,13 +23,13 @@ const CURVE_JERK_SHARE_BESIDE_JUNCTIONS: f64 = 0.3;
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(crate) struct Sharing {
     /// Part of the tangent that turns in the plane of an arc.
-    pub swing: [f64; MAX_AXES],
+    pub swing: [f64; PATH_AXES],
     /// Part of the tangent that is constant, or a bound of it all where the axes are not the program's.
-    pub straight: [f64; MAX_AXES],
+    pub straight: [f64; PATH_AXES],
     /// Curvature, in 1/mm.
-    pub curvature_per_mm: [f64; MAX_AXES],
+    pub curvature_per_mm: [f64; PATH_AXES],
     /// Its derivative along the path, in 1/mm².
-    pub turn_per_mm2: [f64; MAX_AXES],
+    pub turn_per_mm2: [f64; PATH_AXES],
 }
 
 impl Sharing {
@@ -98,7 +98,7 @@ impl Sharing {
         let (from, to) = (at(from_mm), at(to_mm));
         let eighth = (to_mm - from_mm) * (to_mm - from_mm) / 8.0;
         let [.., third] = &cubic.derivatives;
-        for axis in 0..MAX_AXES {
+        for axis in 0..PATH_AXES {
             let of = |vector: &AxisVector| vector.get(axis).copied().unwrap_or(0.0).abs();
             let amplitude = programmed.curvature_per_mm[axis];
             let more = of(third) + amplitude * turn_per_mm;
@@ -130,7 +130,7 @@ impl Sharing {
 
     fn speed_with_mm_s(&self, limits: &PlanLimits, share_across: f64, of_jerk: f64) -> f64 {
         let mut speed_mm_s = f64::INFINITY;
-        for axis in 0..MAX_AXES {
+        for axis in 0..PATH_AXES {
             let (along, across) = (
                 self.swing[axis] + self.straight[axis],
                 self.curvature_per_mm[axis],
@@ -174,7 +174,7 @@ impl Sharing {
     }
 
     /// Acceleration along the path that keeps every axis within what is left of its acceleration.
-    pub fn acceleration_mm_s2(&self, left_mm_s2: &[f64; MAX_AXES], speed_mm_s: f64) -> f64 {
+    pub fn acceleration_mm_s2(&self, left_mm_s2: &[f64; PATH_AXES], speed_mm_s: f64) -> f64 {
         let mut acceleration_mm_s2 = f64::INFINITY;
         for (axis, left) in left_mm_s2.iter().enumerate() {
             let (swing, straight) = (self.swing[axis], self.straight[axis]);
@@ -208,7 +208,7 @@ struct JerkTaken {
 /// The axes whose jerk limits the acceleration along the path.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct ByJerk {
-    of_axes: [JerkTaken; MAX_AXES],
+    of_axes: [JerkTaken; PATH_AXES],
     count: usize,
     swing_per_s: f64,
 }
@@ -353,9 +353,9 @@ impl LaidPiece {
 /// The limits less the rounding of setpoints.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct PlanLimits {
-    pub velocity_mm_s: [f64; MAX_AXES],
-    pub acceleration_mm_s2: [f64; MAX_AXES],
-    pub jerk_mm_s3: [f64; MAX_AXES],
+    pub velocity_mm_s: [f64; PATH_AXES],
+    pub acceleration_mm_s2: [f64; PATH_AXES],
+    pub jerk_mm_s3: [f64; PATH_AXES],
     /// How fast the acceleration along the path changes at most, relative to its limit (`smoothing`), in 1/s.
     pub swing_per_s: f64,
 }

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use thiserror::Error;
 
 use crate::envelope::{Envelope, EnvelopeKey};
-use crate::geometry::{Element, MAX_AXES, Path};
+use crate::geometry::{Element, PATH_AXES, Path};
 use crate::limits::MotionLimits;
 use crate::path_part::{Laid, PathPart};
 use crate::positioning::Positioning;
@@ -20,7 +20,7 @@ use crate::speed_map::{MapError, MapSettings, SpeedMap};
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PlannedSetpoint {
     /// Position of every axis, in increments: the path at the state's place, as [`MotionLimits::setpoint`] makes it.
-    pub position_increments: [i64; MAX_AXES],
+    pub position_increments: [i64; PATH_AXES],
     /// Place and speed at this setpoint. Element, distance and remaining dwell are its path tag; a window that replaces this
     /// one after this setpoint starts from here.
     pub state: PathState,
@@ -510,7 +510,7 @@ struct Scans<'a> {
 impl Scans<'_> {
     /// Adds the setpoint of the tool, which follows what the traveller has done in a scan; its position.
     #[inline]
-    fn follow(&mut self, setpoints: &mut Vec<PlannedSetpoint>) -> [i64; MAX_AXES] {
+    fn follow(&mut self, setpoints: &mut Vec<PlannedSetpoint>) -> [i64; PATH_AXES] {
         let state = self.traveller.state;
         self.lead.go_to(self.part, state.element);
         let start_mm = self.lead.laid.map(|laid| laid.start_mm);
@@ -528,7 +528,7 @@ impl Scans<'_> {
         let limits = self.part.limits();
         let increments = |laid: &Laid| limits.setpoint(&laid.element, state.distance_mm);
         self.before = state;
-        let position_increments = self.tool.laid.map_or([0; MAX_AXES], increments);
+        let position_increments = self.tool.laid.map_or([0; PATH_AXES], increments);
         setpoints.push(PlannedSetpoint {
             position_increments,
             state,
@@ -590,7 +590,7 @@ impl Scans<'_> {
     fn brake(
         &mut self,
         braking_setpoints_max: u32,
-        from_increments: [i64; MAX_AXES],
+        from_increments: [i64; PATH_AXES],
         setpoints: &mut Vec<PlannedSetpoint>,
     ) -> Result<(), PlanError> {
         let mut before = from_increments;
@@ -618,7 +618,7 @@ impl Scans<'_> {
 fn setpoint_at(part: &PathPart, state: &PathState, lead: &Lead) -> PlannedSetpoint {
     let position_increments = match part.get(state.element) {
         Some(element) => part.limits().setpoint(element, state.distance_mm),
-        None => [0; MAX_AXES],
+        None => [0; PATH_AXES],
     };
     PlannedSetpoint {
         position_increments,

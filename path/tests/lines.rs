@@ -1,6 +1,6 @@
 //! Random lines: at every scan each slave within one increment of the exact line, no faster than its master.
 
-use path::geometry::MAX_AXES;
+use path::geometry::PATH_AXES;
 use path::line::{LineState, StraightLine};
 use rand_xoshiro::SplitMix64;
 use rand_xoshiro::rand_core::{Rng, SeedableRng};
@@ -35,23 +35,23 @@ const SCANS: u64 = 12;
 #[test]
 fn on_any_line_no_axis_is_an_increment_off_at_any_scan() {
     let mut random = Random(SplitMix64::seed_from_u64(3_608_587));
-    let mut slave_was_first = [false; MAX_AXES];
+    let mut slave_was_first = [false; PATH_AXES];
     for number in 0..size::number("LINES", LINES[0], LINES[1]) {
-        let axes = 1 + random.up_to(MAX_AXES as u64 - 1) as usize;
-        let (mut from, mut to) = ([0; MAX_AXES], [0; MAX_AXES]);
+        let axes = 1 + random.up_to(PATH_AXES as u64 - 1) as usize;
+        let (mut from, mut to) = ([0; PATH_AXES], [0; PATH_AXES]);
         for (from, to) in from.iter_mut().zip(&mut to).take(axes) {
             *from = random.travel() / 2;
             *to = *from + random.travel();
         }
         let line = StraightLine::new(from, to);
-        let travel: [i64; MAX_AXES] = std::array::from_fn(|axis| to[axis] - from[axis]);
+        let travel: [i64; PATH_AXES] = std::array::from_fn(|axis| to[axis] - from[axis]);
         let master = line.master();
         slave_was_first[master] = true;
         let whole = travel[master].unsigned_abs();
         assert!(travel.iter().all(|by| by.unsigned_abs() <= whole));
 
         let mut state = LineState::default();
-        let (mut at, mut before, mut step_before) = (0u64, from, [0i64; MAX_AXES]);
+        let (mut at, mut before, mut step_before) = (0u64, from, [0i64; PATH_AXES]);
         let mut master_step_before = 0i64;
         for scan in 0..=SCANS {
             let step = if scan == SCANS {
@@ -90,5 +90,5 @@ fn on_any_line_no_axis_is_an_increment_off_at_any_scan() {
         }
         assert_eq!(before, to, "line {number}");
     }
-    assert_eq!(slave_was_first, [true; MAX_AXES], "every axis was master");
+    assert_eq!(slave_was_first, [true; PATH_AXES], "every axis was master");
 }

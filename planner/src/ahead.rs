@@ -6,7 +6,7 @@
 use std::iter::Peekable;
 use std::sync::Arc;
 
-use bus::sample::{Feedback, MAX_AXES};
+use bus::sample::{Feedback, PATH_AXES};
 use machine::Machine;
 use path::geometry::{Element, Feed};
 use path::profile::PathState;
@@ -35,7 +35,7 @@ pub(crate) struct Course {
     pub events: Events,
     pub program_hash: u64,
     /// Command positions it was expanded from, in increments.
-    pub start: [i64; MAX_AXES],
+    pub start: [i64; PATH_AXES],
     in_step: InStep,
     reading: Reading,
     piece: Piece,
@@ -71,7 +71,7 @@ impl Course {
     pub fn new(
         machine: &Machine,
         text: &ProgramText,
-        start: [i64; MAX_AXES],
+        start: [i64; PATH_AXES],
         place: Option<&Place>,
         setup: Setup,
     ) -> Result<Course, AheadError> {

@@ -2,13 +2,13 @@
 
 use bus::sample::MAX_WINDOW_SETPOINTS;
 use machine::{self, AxisKind, Machine, RapidProfile};
-use path::geometry::{AxisVector, Element, MAX_AXES, Path};
+use path::geometry::{AxisVector, Element, PATH_AXES, Path};
 use path::kinematics::Kinematics;
 use path::limits::{AxisLimits, LimitsError, MotionLimits};
 use path::pivot::{OutOfReach, PivotY};
 use path::positioning::{MotorLoad, Positioning};
 use path::rounding::RoundingSettings;
-use path::setpoint_settings::{SecondMotors, SetpointSettings, StraightLines};
+use path::setpoint_settings::{SetpointSettings, StraightLines};
 use path::speed_map::{BLOCK_ELEMENTS, LOOK_AHEAD_ELEMENTS};
 use path::window::{WindowPlanner, WindowSettings};
 use program::kinematics_of;
@@ -46,18 +46,13 @@ pub fn motion_limits(machine: &Machine) -> Result<MotionLimits, LimitsError> {
         kinematics: kinematics_of(machine),
         rounding: rounding_of(machine),
         vibration_hz: machine.path.vibration_hz,
-        second_motors: machine
-            .gantries()
-            .fold(SecondMotors::default(), |motors, pair| {
-                motors.with(pair.follower, pair.leader)
-            }),
     };
     MotionLimits::with_setpoints(&axes, machine.scan_period_s(), setpoints)
 }
 
 /// How paths are rounded on a machine.
 fn rounding_of(machine: &Machine) -> RoundingSettings {
-    let mut rotary = [false; MAX_AXES];
+    let mut rotary = [false; PATH_AXES];
     for (is_rotary, axis) in rotary.iter_mut().zip(machine.program_axes()) {
         *is_rotary = axis.kind == AxisKind::Rotary;
     }

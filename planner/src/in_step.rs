@@ -330,7 +330,7 @@ impl Asked {
 pub fn distance_on(
     windows: &WindowPlanner,
     pass: &Pass,
-    increments: &[i64; bus::sample::MAX_AXES],
+    increments: &[i64; bus::sample::PATH_AXES],
 ) -> Option<f64> {
     let element = windows.path().get(pass.element)?;
     let limits = windows.limits();

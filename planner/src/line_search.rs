@@ -1,6 +1,6 @@
 //! Start at a line: reads a program up to the first motion of a line, and what stands before it comes to.
 
-use bus::sample::{EventCode, MAX_AXES, ProgramEvent};
+use bus::sample::{EventCode, PATH_AXES, ProgramEvent};
 use machine::Machine;
 use program::Setup;
 
@@ -79,7 +79,7 @@ impl LineSearch {
     pub fn new(
         machine: &Machine,
         text: &ProgramText,
-        start: [i64; MAX_AXES],
+        start: [i64; PATH_AXES],
         line: u32,
     ) -> Result<LineSearch, LineError> {
         Ok(LineSearch {
@@ -96,7 +96,7 @@ impl LineSearch {
     }
 
     /// Whether it looks for this line, from these command positions.
-    pub fn is_for(&self, line: u32, start: &[i64; MAX_AXES]) -> bool {
+    pub fn is_for(&self, line: u32, start: &[i64; PATH_AXES]) -> bool {
         self.line == line && self.course.start == *start
     }
 
@@ -224,7 +224,7 @@ impl LineSearch {
 pub fn start_place(
     machine: &Machine,
     text: &ProgramText,
-    start: [i64; MAX_AXES],
+    start: [i64; PATH_AXES],
     line: u32,
 ) -> Result<StartPlace, LineError> {
     let mut search = LineSearch::new(machine, text, start, line)?;

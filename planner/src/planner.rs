@@ -2,7 +2,7 @@
 
 use bus::messages::ProgramMessage;
 use bus::sample::{
-    Cause, Feedback, MAX_AXES, PathTag, PlannerStatus, ProgramState, Reference, Setpoint,
+    Cause, Feedback, PATH_AXES, PathTag, PlannerStatus, ProgramState, Reference, Setpoint,
     WindowHeader, WindowId,
 };
 use bus::user_codes::UserCall;
@@ -144,9 +144,9 @@ pub struct Inner {
     /// Its window in force and the one that it waits for, and whether each of them returns to the path.
     pub windows: [(WindowId, bool); 2],
     /// Command positions that the program is expanded from.
-    pub expanded_from: Option<[i64; MAX_AXES]>,
+    pub expanded_from: Option<[i64; PATH_AXES]>,
     /// Command positions that a return to the path was planned from.
-    pub returns_from: Option<[i64; MAX_AXES]>,
+    pub returns_from: Option<[i64; PATH_AXES]>,
     /// Why it cannot go on.
     pub cause: Cause,
 }
@@ -302,9 +302,9 @@ impl Planner {
 
     /// Command positions to read a program from. Where an axis without a reference is, nobody knows: somewhere within its travel. Once
     /// it is homed, the program is read again from there.
-    fn presumed_start(&self, feedback: &Feedback) -> [i64; MAX_AXES] {
+    fn presumed_start(&self, feedback: &Feedback) -> [i64; PATH_AXES] {
         let mut start = Situation::of(feedback).positions;
-        let shown = feedback.axes().iter().zip(&self.machine.axes);
+        let shown = feedback.axes().iter().zip(self.machine.program_axes());
         for (place, (shown, axis)) in start.iter_mut().zip(shown) {
             if shown.reference != Reference::Known as u32 {
                 let [low, high] = axis.travel_increments();
@@ -640,7 +640,7 @@ impl Planner {
     /// Begins to read the program from these command positions, if that is not done yet.
     ///
     /// The scan that does it has nothing new to say; a window that came to nothing is planned again.
-    fn expanded_from(&mut self, start: [i64; MAX_AXES], feedback: &Feedback) -> Option<()> {
+    fn expanded_from(&mut self, start: [i64; PATH_AXES], feedback: &Feedback) -> Option<()> {
         if self.course.as_ref().is_some_and(|c| c.start == start) {
             return Some(());
         }
@@ -655,7 +655,7 @@ impl Planner {
     }
 
     /// The program from these command positions, read so far that it can begin, or as far as one scan allows.
-    fn begin(&self, start: [i64; MAX_AXES], feedback: &Feedback) -> Result<Course, String> {
+    fn begin(&self, start: [i64; PATH_AXES], feedback: &Feedback) -> Result<Course, String> {
         let program = self.program.as_ref().ok_or("there is no program")?;
         let left_at = Situation::of(feedback).left_at;
         let element = left_at.map_or(0, |tag| tag.element);
@@ -812,7 +812,7 @@ impl Planner {
 }
 
 fn wire_setpoint(setpoint: &PlannedSetpoint) -> Setpoint {
-    const _: () = assert!(MAX_AXES == path::geometry::MAX_AXES);
+    const _: () = assert!(PATH_AXES == path::geometry::PATH_AXES);
     Setpoint {
         position: setpoint.position_increments,
         tag: PathTag {

@@ -1,7 +1,7 @@
 //! The return to where the path was left: a straight line at a reduced feed to a point shortly before it, the last
 //! piece along the path, then a moment to settle.
 
-use bus::sample::MAX_AXES;
+use bus::sample::PATH_AXES;
 use machine::{AxisKind, Machine};
 use path::geometry::{ALL_LINEAR, AxisVector, Element, Feed, Path, Shape};
 use path::path_part::PathPart;
@@ -36,7 +36,7 @@ const OVER_MM: f64 = 1.0;
 #[derive(Debug, Clone)]
 pub(crate) struct ReturnToPath {
     /// Command positions it starts from, in increments.
-    pub from: [i64; MAX_AXES],
+    pub from: [i64; PATH_AXES],
     /// State of the program it leads to.
     pub to: PathState,
     /// Plans along it.
@@ -49,7 +49,7 @@ impl ReturnToPath {
     /// slowly.
     pub fn new(
         machine: &Machine,
-        from: [i64; MAX_AXES],
+        from: [i64; PATH_AXES],
         to: PathState,
         program: &PathPart,
         in_thread: bool,

@@ -1,6 +1,6 @@
 //! What a feedback says of the machine, in the words that planning goes by.
 
-use bus::sample::{Feedback, MAX_AXES, Mode, PathTag, Reference};
+use bus::sample::{Feedback, Mode, PATH_AXES, PathTag, Reference};
 
 /// What planning goes by: all of one feedback, and nothing of it is remembered.
 #[derive(Debug, Clone, Copy)]
@@ -23,8 +23,8 @@ pub(crate) struct Situation {
     pub tool_at: Option<PathTag>,
     /// The line that the program is to be started at, until the master knows where that is.
     pub seeks_line: Option<u32>,
-    /// Command positions of the axes, in increments.
-    pub positions: [i64; MAX_AXES],
+    /// Command positions of the axes of the path, in increments.
+    pub positions: [i64; PATH_AXES],
 }
 
 impl Situation {
@@ -48,7 +48,7 @@ impl Situation {
             left_at,
             tool_at: on_path(feedback.tag).or(left_at),
             seeks_line: seeks.then_some(auxiliary.start_line),
-            positions: feedback.axes.map(|axis| axis.command_position),
+            positions: feedback.path_positions(),
         }
     }
 

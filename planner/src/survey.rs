@@ -1,6 +1,6 @@
 //! What a program comes to on a machine, read to its end or as far as is asked for, in bounded memory.
 
-use bus::sample::MAX_AXES;
+use bus::sample::PATH_AXES;
 use machine::Machine;
 use program::{Note, Setup};
 
@@ -30,7 +30,7 @@ pub struct Survey {
 pub fn survey(
     machine: &Machine,
     text: &ProgramText,
-    start: [i64; MAX_AXES],
+    start: [i64; PATH_AXES],
     elements_max: u64,
     mut progress: impl FnMut(u64),
 ) -> Result<Survey, AheadError> {

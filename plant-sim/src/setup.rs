@@ -1,6 +1,6 @@
 //! The simulated axes of a machine: machine file and plant file put together, and checked against each other.
 
-use bus::sample::MAX_AXES;
+use bus::sample::PATH_AXES;
 use machine::{Axis, HomingMethod, Machine, PositionFeedback, ToolChanger};
 
 use crate::auxiliary::SimulatedAuxiliaries;
@@ -224,13 +224,13 @@ impl PlantFile {
         words
     }
 
-    /// Command positions with which the simulated machine starts, in increments: where its encoders are.
+    /// Command positions of the axes of the path with which the simulated machine starts, in increments: where its encoders are.
     ///
     /// # Errors
     /// [`SetupError`].
-    pub fn start(&self, machine: &Machine) -> Result<[i64; MAX_AXES], SetupError> {
-        let mut start = [0; MAX_AXES];
-        let axes = start.iter_mut().zip(&machine.axes);
+    pub fn start(&self, machine: &Machine) -> Result<[i64; PATH_AXES], SetupError> {
+        let mut start = [0; PATH_AXES];
+        let axes = start.iter_mut().zip(machine.program_axes());
         for ((increments, axis), simulation) in axes.zip(&self.simulations(machine)?) {
             *increments = libm::round(simulation.motor_position_mm() / axis.increment_mm()) as i64;
         }

@@ -154,7 +154,7 @@ impl<'a> SetpointFile<'a> {
     fn create(checked: &'a Checked, file: &'a Path) -> Result<Self, Failure> {
         let named = || format!("{}: cannot be written", file.display());
         let mut out = BufWriter::new(File::create(file).with_context(named).environment()?);
-        let axes = checked.machine.axes.iter();
+        let axes = checked.machine.program_axes().iter();
         let columns: Vec<String> = axes
             .map(|a| format!("{}_{}", a.name.to_lowercase(), a.kind.unit()))
             .collect();
@@ -182,7 +182,7 @@ impl<'a> SetpointFile<'a> {
                 "{},{line},{},{:.9},{:.6}",
                 self.scan, state.element, state.distance_mm, state.speed_mm_s
             )?;
-            let axes = &self.checked.machine.axes;
+            let axes = self.checked.machine.program_axes();
             for (axis, position) in axes.iter().zip(setpoint.position_increments) {
                 write!(self.out, ",{:.6}", position as f64 * axis.increment_mm())?;
             }

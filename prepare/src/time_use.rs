@@ -3,7 +3,7 @@
 //! Judged by the setpoints alone, like the audit: at the programmed feed it is the program, at an axis' highest speed that axis. Where the speed
 //! is lowest, the limit of which most is used there holds the tool back; the scans before, in which it slows down, and those behind, in
 //! which it gains speed, belong to that place too.
-use path::geometry::{Element, Feed, MAX_AXES};
+use path::geometry::{Element, Feed, PATH_AXES};
 use path::limits::MotionLimits;
 use path::path_part::PathPart;
 use path::window::PlannedSetpoint;
@@ -112,7 +112,7 @@ struct Scan {
 pub struct TimeUse {
     limits: MotionLimits,
     scans: Vec<Scan>,
-    before: [[i64; MAX_AXES]; 3],
+    before: [[i64; PATH_AXES]; 3],
 }
 
 /// What a program's time is used for.
@@ -130,7 +130,7 @@ impl TimeUse {
         Self {
             limits,
             scans: Vec::new(),
-            before: [[0; MAX_AXES]; 3],
+            before: [[0; PATH_AXES]; 3],
         }
     }
 
@@ -159,7 +159,7 @@ impl TimeUse {
     }
 
     /// The axis and limit of which the way to this setpoint uses most.
-    fn most_used(&self, now: &[i64; MAX_AXES]) -> (usize, Limit, f64) {
+    fn most_used(&self, now: &[i64; PATH_AXES]) -> (usize, Limit, f64) {
         let period_s = self.limits.scan_period_s();
         let [first, second, third] = &self.before;
         let mut most = (0, Limit::Velocity, 0.0);

@@ -3,7 +3,7 @@
 use std::ops::Deref;
 use std::sync::Arc;
 
-use path::geometry::{AxisVector, MAX_AXES, RotaryAxes};
+use path::geometry::{AxisVector, PATH_AXES, RotaryAxes};
 
 use crate::letters::AXIS_LETTERS;
 use crate::program::Setup;
@@ -28,7 +28,7 @@ impl Deref for Equipment {
 impl Equipment {
     /// The equipment of a machine.
     pub fn of(setup: &Arc<Setup>) -> Self {
-        let mut rotary = [false; MAX_AXES];
+        let mut rotary = [false; PATH_AXES];
         for (flag, axis) in rotary.iter_mut().zip(&setup.axes) {
             *flag = axis.rotary;
         }

@@ -32,7 +32,7 @@ pub struct AxisSetup {
 /// The machine as the interpreter needs to know it.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Setup {
-    /// The axes, in the order of the components of an [`AxisVector`]; at most [`MAX_AXES`](path::geometry::MAX_AXES).
+    /// The axes, in the order of the components of an [`AxisVector`]; at most [`PATH_AXES`](path::geometry::PATH_AXES).
     pub axes: Vec<AxisSetup>,
     /// Where the zero of the program (G54) lies in machine coordinates.
     pub work_offset: AxisVector,

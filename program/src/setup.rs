@@ -2,7 +2,7 @@
 
 use bus::sample::AnswerOutcome;
 use machine::{self, AxisKind, KinematicsKind, Machine};
-use path::geometry::{AxisVector, MAX_AXES};
+use path::geometry::{AxisVector, PATH_AXES};
 use path::kinematics::Kinematics;
 use path::pivot::{self, OutOfReach, PivotY};
 
@@ -144,7 +144,7 @@ impl Answer {
 pub fn check_setup(name: &str, setup: &Setup, start: &AxisVector) -> Result<(), ProgramError> {
     let finite = |vector: &AxisVector| vector.iter().all(|component| component.is_finite());
     let axes = setup.axes.as_slice();
-    if axes.is_empty() || axes.len() > MAX_AXES {
+    if axes.is_empty() || axes.len() > PATH_AXES {
         let found = format!("machine with {} axes", axes.len());
         return refuse_file(name, found, "1 to 8 axes");
     }

@@ -54,35 +54,35 @@ pub fn unpack<'a, T: Deserialize<'a>>(
 
 /// Vectors of axes, as their components.
 pub mod vector {
-    use path::geometry::{AxisVector, MAX_AXES};
+    use path::geometry::{AxisVector, PATH_AXES};
     use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
     /// Writes one.
     pub fn serialize<S: Serializer>(vector: &AxisVector, to: S) -> Result<S::Ok, S::Error> {
-        let components: [f64; MAX_AXES] = (*vector).into();
+        let components: [f64; PATH_AXES] = (*vector).into();
         components.serialize(to)
     }
 
     /// Reads one.
     pub fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<AxisVector, D::Error> {
-        Ok(<[f64; MAX_AXES]>::deserialize(from)?.into())
+        Ok(<[f64; PATH_AXES]>::deserialize(from)?.into())
     }
 }
 
 /// The same where there may be none.
 pub mod maybe_vector {
-    use path::geometry::{AxisVector, MAX_AXES};
+    use path::geometry::{AxisVector, PATH_AXES};
     use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
     /// Writes one.
     pub fn serialize<S: Serializer>(vector: &Option<AxisVector>, to: S) -> Result<S::Ok, S::Error> {
-        let components: Option<[f64; MAX_AXES]> = vector.map(Into::into);
+        let components: Option<[f64; PATH_AXES]> = vector.map(Into::into);
         components.serialize(to)
     }
 
     /// Reads one.
     pub fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Option<AxisVector>, D::Error> {
-        Ok(Option::<[f64; MAX_AXES]>::deserialize(from)?.map(Into::into))
+        Ok(Option::<[f64; PATH_AXES]>::deserialize(from)?.map(Into::into))
     }
 }
 

@@ -9,10 +9,10 @@ use crate::meaning::Modal;
 use crate::modes::Modes;
 use crate::setup::kinematics_of;
 
-/// Command position of the axes, in mm or degrees.
+/// Command position of the axes that programs move, in mm or degrees.
 pub fn commanded(machine: &Machine, feedback: &Feedback) -> AxisVector {
     let mut place = AxisVector::zeros();
-    let axes = machine.axes.iter().zip(feedback.axes());
+    let axes = machine.program_axes().iter().zip(feedback.axes());
     for (to, (axis, sample)) in place.iter_mut().zip(axes) {
         *to = sample.command_position as f64 * axis.increment_mm();
     }
@@ -76,7 +76,7 @@ impl Modes {
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 mod tests {
-    use bus::sample::MAX_AXES;
+    use bus::sample::PATH_AXES;
     use bytemuck::Zeroable;
     use machine::offsets_file::{G92_APPLIES, IN_FORCE, WORK_OFFSETS};
     use proptest::prelude::*;
@@ -158,7 +158,7 @@ mod tests {
                 // What rounding to increments leaves of a turned place.
                 prop_assert!(off <= 1.5 * axis.increment_mm(), "{name} {index}: {} for {wanted}", after[index]);
             }
-            prop_assert!(machine.axes.len() <= MAX_AXES);
+            prop_assert!(machine.axes.len() <= PATH_AXES);
         }
     }
 }

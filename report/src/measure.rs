@@ -31,9 +31,9 @@ mod gap_tests;
 #[cfg(test)]
 mod tests;
 
-use bus::sample::{Cause, Feedback, Instruments, Mode, WindowId};
+use bus::sample::{Cause, Feedback, Instruments, MAX_AXES, Mode, WindowId};
 use machine::Machine;
-use path::geometry::{AxisVector, MAX_AXES};
+use path::geometry::AxisVector;
 use path::kinematics::Kinematics;
 
 use crate::align::{Aligner, ScanSet};
@@ -122,7 +122,7 @@ pub struct Analysis {
     faults: Faults,
     auxiliary: AuxiliaryMeter,
     /// Backlash compensation asked for in the scan before, in mm: in force in this one.
-    backlash_mm: AxisVector,
+    backlash_mm: [f64; MAX_AXES],
     /// Axes whose command of the scan before is in the stream.
     commanded: [bool; MAX_AXES],
     has_instruments: bool,
@@ -167,7 +167,7 @@ impl Analysis {
                 .collect(),
             faults: Faults::new(&machine),
             auxiliary: AuxiliaryMeter::default(),
-            backlash_mm: AxisVector::zeros(),
+            backlash_mm: [0.0; MAX_AXES],
             commanded: [false; MAX_AXES],
             has_instruments: true,
             instrumented: false,
@@ -229,7 +229,7 @@ impl Analysis {
             .reversals
             .into_iter()
             .enumerate()
-            // A second motor turns round with its axis.
+            // A second motor turns round with its axis; where no program moves an axis, no block made it turn.
             .take(self.machine.program_axes().len())
             .flat_map(|(axis, meter)| meter.finish(axis, &self.machine, self.path.whole(), &arcs))
             .collect();
@@ -356,9 +356,22 @@ impl Analysis {
     }
 
     /// Places of all motors as those of the axes that the program names.
-    fn of_program(&self, mut motors_mm: AxisVector) -> AxisVector {
-        self.machine.to_program_axes(motors_mm.as_mut_slice());
-        motors_mm
+    fn of_program(&self, motors_mm: [f64; MAX_AXES]) -> AxisVector {
+        self.machine.to_program_axes(motors_mm).into()
+    }
+
+    /// Where an instrument saw the tables of these axes in a subsample.
+    fn tables(&self, seen: &Instruments, sub: usize) -> AxisVector {
+        self.of_program(seen.places_mm(sub, |axis| &axis.table_mm))
+    }
+
+    /// The same of the motors, without the compensation in force.
+    fn motors(&self, seen: &Instruments, sub: usize) -> AxisVector {
+        let mut motors_mm = seen.places_mm(sub, |axis| &axis.motor_mm);
+        for (motor_mm, backlash_mm) in motors_mm.iter_mut().zip(&self.backlash_mm) {
+            *motor_mm -= backlash_mm;
+        }
+        self.of_program(motors_mm)
     }
 
     /// The backlash compensation that is in force in the next scan.
@@ -381,9 +394,7 @@ impl Analysis {
                 ..Seen::default()
             };
         };
-        let count = (instruments.subsamples as usize).min(bus::sample::MAX_SUBSAMPLES);
-        let last = count.saturating_sub(1);
-        let table = self.of_program(row_of(&instruments.table_mm, last, self.axes.len()));
+        let table = self.tables(instruments, instruments.last().unwrap_or(0));
         let tool_mm = self.kinematics.tool(&table);
         let left = if feedback.tag.is_off_path() {
             &feedback.interrupted_at
@@ -415,7 +426,6 @@ impl Analysis {
             return 0.0;
         }
         let count = (instruments.subsamples as usize).min(bus::sample::MAX_SUBSAMPLES);
-        let axes = self.axes.len();
         let mut largest_mm = 0.0f64;
         let mut last_mm = None;
         let executing = !feedback.window.is_none();
@@ -426,10 +436,8 @@ impl Analysis {
         }
         for sub in 0..count {
             // From here on everything is in the coordinates of the program: where the axes had the tool on the part.
-            let table = self.of_program(row_of(&instruments.table_mm, sub, axes));
-            let table = self.kinematics.tool(&table);
-            let motor = row_of(&instruments.motor_mm, sub, axes) - self.backlash_mm;
-            let motor = self.kinematics.tool(&self.of_program(motor));
+            let table = self.kinematics.tool(&self.tables(instruments, sub));
+            let motor = self.kinematics.tool(&self.motors(instruments, sub));
             if let Some(error_mm) = self.path.error_mm(&feedback.tag, &table) {
                 self.contour_mm.take(error_mm);
                 largest_mm = largest_mm.max(error_mm);
@@ -458,14 +466,11 @@ impl Analysis {
 
     /// Where the deviation at the end of the scan comes from, if the commands of all axes are known.
     fn take_contour_parts(&mut self, set: &ScanSet, feedback: &Feedback, seen: &Instruments) {
-        let (axes, count) = (self.axes.len(), seen.subsamples as usize);
-        let Some(last) = count.min(bus::sample::MAX_SUBSAMPLES).checked_sub(1) else {
+        let Some(last) = seen.last() else {
             return;
         };
-        let table = self.of_program(row_of(&seen.table_mm, last, axes));
-        let motor = row_of(&seen.motor_mm, last, axes) - self.backlash_mm;
-        let motor = self.of_program(motor);
-        let mut commanded = AxisVector::zeros();
+        let (table, motor) = (self.tables(seen, last), self.motors(seen, last));
+        let mut commanded = [0.0; MAX_AXES];
         let of_axes = commanded.iter_mut().zip(&self.machine.axes).enumerate();
         for (index, (place, axis)) in of_axes {
             let Some(command) = set.command(index) else {
@@ -532,18 +537,6 @@ fn lead_mm(machine: &Machine, kinematics: &Kinematics, axis: usize) -> Option<f6
     let cartesian = *kinematics == Kinematics::Cartesian;
     let axis = machine.axes.get(axis).filter(|_| cartesian)?;
     Some(axis.lead_mm)
-}
-
-/// One instrument reading of all axes.
-fn row_of(
-    rows: &[[f64; bus::sample::MAX_SUBSAMPLES]; MAX_AXES],
-    sub: usize,
-    axes: usize,
-) -> AxisVector {
-    AxisVector::from_fn(|axis, _| {
-        let row = rows.get(axis).filter(|_| axis < axes);
-        row.and_then(|row| row.get(sub)).copied().unwrap_or(0.0)
-    })
 }
 
 /// Whether it is the planner, and nobody has its place any more. One that was replaced ends nothing, also where its successor waits

@@ -10,7 +10,7 @@ use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::ops::ControlFlow;
 use std::path::Path;
 
-use bus::sample::{Answer, AnswerOutcome, Cause, Feedback, MAX_AXES, Roster};
+use bus::sample::{Answer, AnswerOutcome, Cause, Feedback, PATH_AXES, Roster};
 use mcap::records::{Record, op};
 use monitor::log::records::{Records, parse_record};
 use monitor::log::{Content, LogError, Reader, Sample, part_files};
@@ -24,7 +24,7 @@ const MAGIC_BYTES: u64 = 8;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Start {
     /// Command positions, in increments.
-    pub command_positions: [i64; MAX_AXES],
+    pub command_positions: [i64; PATH_AXES],
     /// The program.
     pub program_hash: u64,
 }

@@ -421,12 +421,7 @@ impl Servo {
         AxisCommand {
             scan: feedback.scan,
             visible_from: feedback.scan.saturating_add(1),
-            stop_deceleration_mm_s2: self
-                .settings
-                .quick_stop_mm_s2
-                .get(self.settings.axis)
-                .copied()
-                .unwrap_or(0.0),
+            stop_deceleration_mm_s2: self.settings.quick_stop_mm_s2,
             held: self.windows.held.id(),
             pending: self.windows.pending.id(),
             axis: self.settings.axis as u32,

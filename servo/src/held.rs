@@ -117,7 +117,7 @@ impl HeldWindow {
             ..WindowHeader::zeroed()
         };
         let setpoint = Setpoint {
-            position: feedback.axes.map(|axis| axis.command_position),
+            position: feedback.path_positions(),
             tag: feedback.tag,
         };
         self.setpoints.clear();
@@ -165,31 +165,27 @@ impl HeldWindow {
     /// Deceleration that brings this axis to rest together with all others, in mm/s²; speeds are those commanded from this
     /// setpoint to the next.
     pub(crate) fn stop_deceleration_mm_s2(&self, settings: &ServoSettings, setpoint: u32) -> f64 {
-        let quick_stop = settings
-            .quick_stop_mm_s2
-            .get(settings.axis)
-            .copied()
-            .unwrap_or(0.0);
-        let (Some(here), Some(next)) = (
+        let (Some(here), Some(next), Some(own)) = (
             self.setpoint(setpoint.into()),
             self.setpoint(i64::from(setpoint) + 1),
+            settings.path_axis,
         ) else {
-            return quick_stop;
+            return settings.quick_stop_mm_s2;
         };
         let steps = here.position.iter().zip(&next.position);
         let scales = settings
-            .increments_mm
+            .path_increments_mm
             .iter()
-            .zip(&settings.quick_stop_mm_s2);
+            .zip(&settings.path_quick_stops_mm_s2);
         let axes =
             steps
                 .zip(scales)
-                .take(settings.axis_count)
+                .take(settings.path_axes)
                 .map(|((from, to), (increment, most))| {
                     let step = to.saturating_sub(*from).saturating_abs() as f64;
                     (step * increment / settings.scan_s, *most)
                 });
-        braking::deceleration_mm_s2(axes, settings.axis)
+        braking::deceleration_mm_s2(axes, own)
     }
 }
 
@@ -229,16 +225,19 @@ pub(crate) fn check_itself(
     if !setpoints.iter().all(placed) {
         return Err(Refusal::Tag);
     }
-    let first = position(settings, setpoints.first());
+    let Some(axis) = settings.path_axis else {
+        return Ok(());
+    };
+    let first = position(axis, setpoints.first());
     let mut limits = RowLimits {
         settings,
         reach: settings.reach(feedback),
         before: first,
-        step: position(settings, setpoints.get(1)).saturating_sub(first),
+        step: position(axis, setpoints.get(1)).saturating_sub(first),
     };
     // The first setpoint and the step to it are judged against the predecessor, at the seam.
     for setpoint in setpoints.iter().skip(1) {
-        limits.take(position(settings, Some(setpoint)))?;
+        limits.take(position(axis, Some(setpoint)))?;
     }
     // It is at its last setpoint from then on: that, too, must be within the limits.
     limits.take(limits.before).map_err(|_| Refusal::NotAtRest)
@@ -271,15 +270,19 @@ pub(crate) fn check_seam(
     if ![0, header.program_hash].contains(&feedback.program_hash) {
         return Err(Refusal::Program);
     }
-    let mut limits = if header.predecessor.is_none() {
-        if header.epoch != feedback.epoch {
-            return Err(Refusal::Epoch);
-        }
+    let begins = header.predecessor.is_none();
+    if begins && header.epoch != feedback.epoch {
+        return Err(Refusal::Epoch);
+    }
+    let Some(axis) = settings.path_axis else {
+        return Ok(());
+    };
+    let mut limits = if begins {
         let command_position = feedback
             .axes
             .get(settings.axis)
             .map_or(i64::MIN, |axis| axis.command_position);
-        if position(settings, setpoints.first()) != command_position {
+        if position(axis, setpoints.first()) != command_position {
             return Err(Refusal::Register);
         }
         let here = (command_position, command_position);
@@ -296,18 +299,18 @@ pub(crate) fn check_seam(
         let setpoint =
             i64::try_from(header.first_scan - held.header().first_scan).unwrap_or(i64::MAX);
         let last = [setpoint.saturating_sub(2), setpoint - 1];
-        let [before, last] = last.map(|setpoint| held.position(settings.axis, setpoint));
+        let [before, last] = last.map(|setpoint| held.position(axis, setpoint));
         RowLimits::starting(settings, feedback, (before, last))
     };
     for setpoint in setpoints.iter().take(2) {
-        limits.take(position(settings, Some(setpoint)))?;
+        limits.take(position(axis, Some(setpoint)))?;
     }
     Ok(())
 }
 
-fn position(settings: &ServoSettings, setpoint: Option<&Setpoint>) -> i64 {
+fn position(path_axis: usize, setpoint: Option<&Setpoint>) -> i64 {
     setpoint
-        .and_then(|r| r.position.get(settings.axis))
+        .and_then(|r| r.position.get(path_axis))
         .copied()
         .unwrap_or(i64::MIN)
 }

@@ -7,7 +7,7 @@ use crate::linear_interpolation::PeriodEnds;
 use crate::settings::ServoSettings;
 use crate::windows::Windows;
 
-/// What the window in force commands, scan by scan; without a window the command position.
+/// What the window in force commands, scan by scan; without a window, or of an axis that no program moves, the command position.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Setpoints<'a> {
     settings: &'a ServoSettings,
@@ -56,13 +56,14 @@ impl<'a> Setpoints<'a> {
 
     /// The position command `ahead` scans from this one.
     pub fn at(&self, ahead: i64) -> i64 {
-        if self.windows.held.is_none() {
+        let path_axis = self.settings.path_axis.filter(|_| self.has_window());
+        let Some(axis) = path_axis else {
             return self.command_position;
-        }
+        };
         let setpoint = i64::from(self.feedback.setpoint) + ahead;
         match self.settings.within_period {
-            WithinPeriod::Exact => self.windows.position(self.settings.axis, setpoint),
-            WithinPeriod::Linear => self.interpolated(setpoint, ahead),
+            WithinPeriod::Exact => self.windows.position(axis, setpoint),
+            WithinPeriod::Linear => self.interpolated(axis, setpoint, ahead),
         }
     }
 
@@ -81,8 +82,7 @@ impl<'a> Setpoints<'a> {
     /// By linear interpolation in the period: the windows stay exact, only what this servo makes of them is split.
     ///
     /// The period in which the window ends is not split: the machine counts as at rest from its last setpoint on.
-    fn interpolated(&self, setpoint: i64, ahead: i64) -> i64 {
-        let axis = self.settings.axis;
+    fn interpolated(&self, axis: usize, setpoint: i64, ahead: i64) -> i64 {
         let period = self.settings.scans_per_period;
         let scan = i64::try_from(self.feedback.scan).unwrap_or(i64::MAX);
         let scan_in_period = scan.saturating_add(ahead).rem_euclid(period.into());

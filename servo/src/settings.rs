@@ -1,5 +1,5 @@
 //! What a servo needs of the machine file, in its own units, computed once.
-use bus::sample::Feedback;
+use bus::sample::{Feedback, PATH_AXES};
 use loops::backlash::Backlash;
 use loops::dual_feedback::DualFeedback;
 use loops::feed_forward::FeedForward;
@@ -44,6 +44,8 @@ pub enum ServoSettingsError {
 pub struct ServoSettings {
     /// Index of the axis.
     pub axis: usize,
+    /// Its place in setpoints; none of an axis that no program moves: it stays where it is while windows are executed.
+    pub path_axis: Option<usize>,
     /// Axes of the machine.
     pub axis_count: usize,
     /// Whether the axis has a second servo, which goes on from the first one's state.
@@ -86,10 +88,14 @@ pub struct ServoSettings {
     pub guards: AxisGuards,
     /// Scans in a row at the torque limit that stop the axis.
     pub torque_limited_scans_max: u32,
-    /// Quick-stop decelerations of all axes, in mm/s², by index.
-    pub quick_stop_mm_s2: [f64; bus::sample::MAX_AXES],
-    /// Axis units per increment of all axes, in mm.
-    pub increments_mm: [f64; bus::sample::MAX_AXES],
+    /// Quick-stop deceleration, in mm/s².
+    pub quick_stop_mm_s2: f64,
+    /// Axes of the path.
+    pub path_axes: usize,
+    /// Their quick-stop decelerations, in mm/s², by place on the path.
+    pub path_quick_stops_mm_s2: [f64; PATH_AXES],
+    /// Their axis units per increment, in mm.
+    pub path_increments_mm: [f64; PATH_AXES],
     /// Largest difference of two setpoints, in increments.
     pub step_max: i64,
     /// Largest second difference of setpoints, in increments.
@@ -114,6 +120,7 @@ impl ServoSettings {
         let model = ModelSettings::new(axis, scan_s, machine.scan.dead_time_scans);
         let mut settings = ServoSettings {
             axis: index,
+            path_axis: machine.path_axis(index),
             axis_count: machine.axes.len(),
             has_standby: axis.standby,
             scan_s,
@@ -148,8 +155,10 @@ impl ServoSettings {
             manual: ManualController::new(machine, axis, model.ahead_scans()),
             guards: guards(axis),
             torque_limited_scans_max: libm::ceil(TORQUE_LIMITED_S / scan_s) as u32,
-            quick_stop_mm_s2: [0.0; bus::sample::MAX_AXES],
-            increments_mm: [0.0; bus::sample::MAX_AXES],
+            quick_stop_mm_s2: axis.quick_stop_mm_s2,
+            path_axes: machine.program_axes().len(),
+            path_quick_stops_mm_s2: [0.0; PATH_AXES],
+            path_increments_mm: [0.0; PATH_AXES],
             // Rounding to increments alone changes a difference by up to 1 and a second difference by up to 2.
             step_max: libm::floor(axis.rapid_mm_s * scan_s / increment_mm) as i64 + 1,
             step_change_max: libm::floor(axis.acceleration_mm_s2 * scan_s * scan_s / increment_mm)
@@ -157,10 +166,10 @@ impl ServoSettings {
                 + 2,
         };
         let places = settings
-            .quick_stop_mm_s2
+            .path_quick_stops_mm_s2
             .iter_mut()
-            .zip(&mut settings.increments_mm);
-        for ((quick_stop, increment), other) in places.zip(&machine.axes) {
+            .zip(&mut settings.path_increments_mm);
+        for ((quick_stop, increment), other) in places.zip(machine.program_axes()) {
             *quick_stop = other.quick_stop_mm_s2;
             *increment = other.increment_mm();
         }
@@ -170,7 +179,8 @@ impl ServoSettings {
     /// Where the windows of the program in force may have the axis: within its travel, or where it began, which may be outside by
     /// what an axis in position is off.
     pub(crate) fn reach(&self, feedback: &Feedback) -> Travel<i64> {
-        let began = feedback.program_start.get(self.axis);
+        let place = self.path_axis;
+        let began = place.and_then(|place| feedback.program_start.get(place));
         match began.filter(|_| feedback.program_hash != 0) {
             Some(place) => self.guards.travel.from_place(*place),
             None => self.guards.travel,

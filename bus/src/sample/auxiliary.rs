@@ -4,7 +4,7 @@
 use bytemuck::{Pod, Zeroable};
 use iceoryx2::prelude::ZeroCopySend;
 
-use super::MAX_AXES;
+use super::PATH_AXES;
 
 use crate::table;
 
@@ -259,7 +259,7 @@ pub struct Auxiliaries {
     /// [`MODES_RESET`] where a run was given up, or `reset` was ordered.
     pub modes_of_run: u32,
     /// Offset of the tool that is applied, by axis, in mm and degrees; all 0 after G49.
-    pub tool_offset: [f64; MAX_AXES],
+    pub tool_offset: [f64; PATH_AXES],
 }
 table!(
     Auxiliaries: levels, spindle_rpm, spindle_turns, spindle_lag_turns, events_done, line, waiting, blocked, at_speed,

@@ -10,7 +10,7 @@ use crate::table;
 /// What became of the cycle of a scan on the fieldbus, and what was counted since the bus started. For observers alone: what a wire
 /// does is chance, also in lockstep, so no controller reads it and it counts in no digest. Cells with simulated drives have none.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
-#[type_name("quadrant/BusCycle/1")]
+#[type_name("quadrant/BusCycle/2")]
 #[repr(C)]
 pub struct BusCycle {
     /// The scan whose commands the cycle carried.
@@ -34,8 +34,6 @@ pub struct BusCycle {
     /// How much later than in the middle between two SYNC0 the frame passed the reference clock, in ns; of this cycle if it was
     /// answered and there are distributed clocks, else 0.
     pub clock_offset_ns: i64,
-    /// Digital inputs of the drive of each axis (CiA 402 object 60FDh), 0 where they are not in its process data.
-    pub inputs: [u64; MAX_AXES],
     /// 1 if the cycle was answered.
     pub answered: u32,
     /// 1 with distributed clocks.
@@ -44,10 +42,16 @@ pub struct BusCycle {
     pub slaves_operational: u32,
     /// Slaves on the segment.
     pub slave_count: u32,
+    /// Axes in use.
+    pub axis_count: u32,
+    /// Kept zero.
+    pub reserved: u32,
+    /// Digital inputs of the drive of each axis (CiA 402 object 60FDh), 0 where they are not in its process data.
+    pub inputs: [u64; MAX_AXES],
 }
 table!(
     BusCycle: scan, visible_from, sent, missed, short, late, foreign, repeated, round_trip_ns, clock_offset_ns,
-    inputs @ Axes, answered, distributed_clocks, slaves_operational, slave_count,
+    answered, distributed_clocks, slaves_operational, slave_count, axis_count, reserved, inputs @ Axes,
 );
 
 impl BusCycle {

@@ -3,7 +3,7 @@
 use bytemuck::{Pod, Zeroable};
 use iceoryx2::prelude::ZeroCopySend;
 
-use super::MAX_AXES;
+use super::PATH_AXES;
 
 use crate::table;
 
@@ -102,16 +102,16 @@ pub struct Answer {
     pub value: f64,
     /// The scan in which it tripped, 0 as long as it has not; in which the input was as it was waited for.
     pub scan: u64,
-    /// Where the axes were when the probe tripped, in increments: by the encoders, as command positions count.
-    pub tripped: [i64; MAX_AXES],
-    /// Command positions at which the axes rest afterwards, in increments: the program goes on from there.
-    pub rests: [i64; MAX_AXES],
+    /// Where the axes of the path were when the probe tripped, in increments: by the encoders, as command positions count.
+    pub tripped: [i64; PATH_AXES],
+    /// Command positions at which they rest afterwards, in increments: the program goes on from there.
+    pub rests: [i64; PATH_AXES],
     /// Number of the event that asked; 0 for none.
     pub number: u32,
     /// [`AnswerOutcome`].
     pub outcome: u32,
 }
-table!(Answer: value, scan, tripped @ Axes, rests @ Axes, number, outcome);
+table!(Answer: value, scan, tripped @ PathAxes, rests @ PathAxes, number, outcome);
 
 /// What the inputs show at the start of a scan.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]

@@ -9,7 +9,7 @@ use crate::table;
 
 /// What an operator, or the launcher for him, asks of the master.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
-#[type_name("quadrant/OperatorRequest/5")]
+#[type_name("quadrant/OperatorRequest/6")]
 #[repr(C)]
 pub struct OperatorRequest {
     /// What: see [`Order`].

@@ -292,7 +292,6 @@ impl<W: Wire> Drives for Cia402Drives<W> {
             repeated: counts.repeated,
             round_trip_ns: u64::from(answered) * self.inputs.round_trip_ns,
             clock_offset_ns: self.exchanged_late_ns(),
-            inputs,
             answered: answered.into(),
             distributed_clocks: (wiring.reference_clock != 0).into(),
             slaves_operational: match self.answer {
@@ -300,6 +299,9 @@ impl<W: Wire> Drives for Cia402Drives<W> {
                 WireAnswer::Answered | WireAnswer::Missed => operational as u32,
             },
             slave_count: wiring.slave_count,
+            axis_count: self.axes.len() as u32,
+            reserved: 0,
+            inputs,
         })
     }
 

@@ -71,7 +71,7 @@ impl Cell {
             cell: self,
             frame,
             fate,
-            answers: Answers::NONE,
+            answers: Answers::of_axes(2),
             commands: [None; 4],
             before,
         };
@@ -142,7 +142,7 @@ impl Scan<'_> {
             }
         }
         if self.frame.makes(Mistake::WindowWithoutEveryAxis)
-            && let [[x, _], [y, _], ..] = &mut self.answers.commands
+            && let [[x, _], [y, _], ..] = self.answers.commands.as_mut_slice()
             && let (Some(x), Some(y)) = (x, y)
         {
             y.pending = x.pending;

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use anyhow::{Context, anyhow};
-use bus::sample::MAX_AXES;
+use bus::sample::PATH_AXES;
 use hdrhistogram::Histogram;
 use machine::{Machine, machine_file};
 use path::window::WindowPlanner;
@@ -124,7 +124,7 @@ impl Measured {
     }
 }
 
-fn measure(machine: &Machine, start: [i64; MAX_AXES], file: &Path) -> anyhow::Result<Measured> {
+fn measure(machine: &Machine, start: [i64; PATH_AXES], file: &Path) -> anyhow::Result<Measured> {
     let text = ProgramText::File(file.to_path_buf());
     let (mut reading_s, mut together_s, mut elements) = (f64::INFINITY, f64::INFINITY, 0);
     for _ in 0..ROUNDS {

@@ -176,7 +176,7 @@ impl<'a> Scans<'a> {
             let mut ports = ServoQueues::new(false);
             let mut last: Option<AxisCommand> = None;
             all += self.each(times, |scan| {
-                ports.feedback = Some(*scan.feedback);
+                ports.feedback = Some(Arc::clone(&scan.feedback));
                 servo::cycle(&mut servo, &mut ports);
                 last = ports.sent.last().copied();
                 for window in &scan.windows {

@@ -89,7 +89,7 @@ impl Peers {
             injector: faults.map(|faults| FaultInjector::new(faults.clone(), |_| None, 0)),
             master_may_die: faults.is_some_and(|s| s.faults.iter().any(is_masters)),
             roster: roster(&members),
-            answers: Answers::NONE,
+            answers: Answers::of_axes(machine.axes.len()),
             commands: Vec::with_capacity(members.len()),
             members,
             program: (program.0.into(), program.1.into()),
@@ -148,6 +148,7 @@ impl Peers {
             return;
         };
         let tampering = self.script.tampering;
+        let shared = Arc::new(feedback);
         for index in 0..self.members.len() {
             let (Some(member), Some(servo)) =
                 (self.members.get_mut(index), self.servos.get_mut(index))
@@ -158,7 +159,7 @@ impl Peers {
                 continue;
             }
             let (axis, role) = (member.axis, member.role);
-            member.ports.inner().feedback = Some(feedback);
+            member.ports.inner().feedback = Some(Arc::clone(&shared));
             servo::cycle(servo, &mut member.ports);
             self.commands.extend(member.ports.made());
             let mut sent = std::mem::take(&mut member.ports.inner().sent);

@@ -15,7 +15,7 @@ use super::queues::{Queue, Window};
 #[derive(Debug)]
 pub(crate) struct ServoQueues {
     /// The feedback it is to answer.
-    pub feedback: Option<Feedback>,
+    pub feedback: Option<Arc<Feedback>>,
     /// Windows that were published.
     pub windows: Queue<Arc<Window>>,
     /// Commands of the axis's other servo; none where there is no other.
@@ -36,11 +36,11 @@ impl ServoQueues {
 }
 
 impl ServoPorts for ServoQueues {
-    type Feedback = Box<Feedback>;
+    type Feedback = Arc<Feedback>;
 
-    fn next_feedback(&mut self) -> Option<Box<Feedback>> {
+    fn next_feedback(&mut self) -> Option<Arc<Feedback>> {
         self.sent.clear();
-        self.feedback.take().map(Box::new)
+        self.feedback.take()
     }
 
     fn for_each_window(&mut self, scan: u64, mut offer: impl FnMut(&WindowHeader, &[Setpoint])) {

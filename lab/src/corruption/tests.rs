@@ -225,7 +225,7 @@ fn lockstep_is_excused_from_waiting_where_no_answer_that_counts_can_come() {
 fn window(scan: u64) -> (WindowHeader, Vec<Setpoint>) {
     let setpoint = |n: i64| {
         let mut setpoint = Setpoint::zeroed();
-        setpoint.position = [n; bus::sample::MAX_AXES];
+        setpoint.position = [n; bus::sample::PATH_AXES];
         setpoint
     };
     let setpoints: Vec<Setpoint> = (0..10).map(|n| setpoint(n + scan as i64)).collect();

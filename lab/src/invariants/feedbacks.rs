@@ -246,7 +246,7 @@ impl Feedbacks {
             return;
         }
         let setpoints = course.limits.setpoints();
-        let known = self.known.iter().zip(&self.machine.axes);
+        let known = self.known.iter().zip(self.machine.program_axes());
         for (index, (axis, (known, settings))) in feedback.axes().iter().zip(known).enumerate() {
             // The tag tells where the servo's command lies, not the master's own.
             if known.is_own {
@@ -398,7 +398,7 @@ impl Feedbacks {
         let Some(last) = self.newest().filter(finished) else {
             return;
         };
-        let axes = last.axes().iter().zip(&self.machine.axes);
+        let axes = last.axes().iter().zip(self.machine.program_axes());
         for ((axis, settings), end) in axes.zip(&course.end) {
             let off = axis.command_position.saturating_sub(*end);
             if off != 0 {

@@ -217,7 +217,7 @@ impl Cell {
     }
 
     pub fn answers(&mut self, asks_planner: bool) -> Answers {
-        let mut answers = Answers::NONE;
+        let mut answers = Answers::of_axes(bus::sample::MAX_AXES);
         let before: Vec<_> = self.members.iter().map(|of| of.said).collect();
         for (index, member) in self.members.iter_mut().enumerate() {
             member.said = None;

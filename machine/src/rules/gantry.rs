@@ -1,6 +1,8 @@
 //! Rules of `[axis.gantry]`: a second motor has a leader, and can follow all that its leader does.
 
-use crate::axis::{Axis, Changeover};
+use bus::sample::PATH_AXES;
+
+use crate::axis::{Axis, Changeover, is_letter};
 use crate::gantry::{Gantry, SECOND_MOTOR};
 use crate::homing::HomingMethod;
 use crate::machine::Machine;
@@ -8,23 +10,31 @@ use crate::settings_file::{At, Rules};
 
 pub fn judge(rules: &mut Rules<'_>, machine: &Machine, index: usize, axis: &Axis, at: At<'_>) {
     let Some(gantry) = &axis.gantry else {
-        if axis.name.ends_with(SECOND_MOTOR) {
-            let letter = axis.name.trim_end_matches(SECOND_MOTOR);
+        let letter = axis.name.strip_suffix(SECOND_MOTOR);
+        if let Some(letter) = letter.filter(|letter| is_letter(letter) && *letter != "P") {
             let what = format!(
                 "= {:?}: is the name of a second motor, which needs [axis.gantry] with leader = {letter:?} and skew_max_mm",
                 axis.name
             );
             rules.say(&["name"], at, &what);
         }
-        if machine.axes.iter().take(index).any(Axis::is_follower) {
-            let what = "must come before the second motors of gantries: the axes that programs name are first";
+        let before = || machine.axes.iter().take(index);
+        if axis.has_letter() && !before().all(Axis::has_letter) {
+            let what = "must come before the second motors and the axes without a letter: those that programs name are first";
             rules.say(&["name"], at, what);
+        }
+        if axis.has_letter() && before().filter(|axis| axis.has_letter()).count() == PATH_AXES {
+            let what = format!(
+                "= {:?}: is one letter too many: programs move {PATH_AXES} axes; one that is moved by hand alone is called P1 to P31",
+                axis.name
+            );
+            rules.say(&["name"], at, &what);
         }
         return;
     };
     let leader = machine.axes.iter().find(|of| of.name == gantry.leader);
-    let Some(leader) = leader.filter(|of| of.gantry.is_none()) else {
-        let axes = machine.axes.iter().filter(|of| of.gantry.is_none());
+    let Some(leader) = leader.filter(|of| of.has_letter()) else {
+        let axes = machine.axes.iter().filter(|of| of.has_letter());
         let names: Vec<&str> = axes.map(|of| of.name.as_str()).collect();
         let what = format!(
             "= {:?}: must name an axis of this machine with a motor of its own: {}",

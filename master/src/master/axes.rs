@@ -2,7 +2,7 @@
 
 use std::ops::{Deref, DerefMut};
 
-use bus::sample::{Cause, MAX_AXES};
+use bus::sample::{Cause, PATH_AXES};
 use machine::Machine;
 
 use super::axis_unit::AxisUnit;
@@ -29,10 +29,15 @@ impl DerefMut for Axes {
 impl Axes {
     /// As many as there are drives, each commanded to be where its drive shows it.
     pub fn new<D: Drives>(machine: &Machine, drives: &D) -> Axes {
-        let settings = machine.axes.iter().take(drives.count()).enumerate();
-        let unit =
-            settings.map(|(index, axis)| AxisUnit::new(machine, axis, drives.feedback(index)));
-        Axes(unit.collect())
+        let indices = 0..machine.axes.len().min(drives.count());
+        let units =
+            indices.filter_map(|index| AxisUnit::new(machine, index, drives.feedback(index)));
+        Axes(units.collect())
+    }
+
+    /// Those that programs move, in the order in which paths have them.
+    pub fn of_path(&self) -> impl Iterator<Item = &AxisUnit> {
+        self.iter().take_while(|axis| axis.settings.has_letter())
     }
 
     /// Whether they are, as far as is seen: a drive that does not answer shows no speed.
@@ -107,12 +112,17 @@ impl Axes {
         self.iter().position(|axis| !axis.is_in_position())
     }
 
-    /// Where they are commanded to be, in increments.
-    pub fn command_positions(&self) -> [i64; MAX_AXES] {
-        let mut positions = [0; MAX_AXES];
-        for (position, axis) in positions.iter_mut().zip(self.iter()) {
-            *position = axis.command_position();
+    /// Where those of the path are commanded to be, in increments.
+    pub fn command_positions(&self) -> [i64; PATH_AXES] {
+        self.on_path(AxisUnit::command_position)
+    }
+
+    /// Something of those of the path, by place on it.
+    pub fn on_path(&self, of: impl Fn(&AxisUnit) -> i64) -> [i64; PATH_AXES] {
+        let mut values = [0; PATH_AXES];
+        for (value, axis) in values.iter_mut().zip(self.of_path()) {
+            *value = of(axis);
         }
-        positions
+        values
     }
 }

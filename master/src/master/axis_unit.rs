@@ -1,6 +1,8 @@
 //! One axis as the master sees it: where it is commanded to be and is, what its drive shows and is commanded, and its fault.
 
-use bus::sample::{AxisCommand, AxisFeedback, Cause, Driver, Mode, Reference, Roster, WindowId};
+use bus::sample::{
+    AxisCommand, AxisFeedback, Cause, Driver, Mode, PATH_AXES, Reference, Roster, WindowId,
+};
 use bus::service::ROLES;
 use bytemuck::Zeroable;
 use loops::guards::AxisGuards;
@@ -16,6 +18,8 @@ use crate::drives::{DriveCommand, DriveFeedback, DriveState};
 #[derive(Debug, Clone)]
 pub(super) struct AxisUnit {
     pub settings: Axis,
+    /// Its place in setpoints; none of an axis that no program moves.
+    path_axis: Option<usize>,
     /// What the master guards itself, whatever the servo says.
     pub guards: AxisGuards,
     /// Servos that command it.
@@ -43,10 +47,12 @@ pub(super) struct AxisUnit {
 /// period of its drive looks faster than [`STANDSTILL_MM_S`].
 const STANDSTILL_TURNS_S: f64 = 0.01;
 impl AxisUnit {
-    /// An axis that is commanded to be where its drive shows it.
-    pub fn new(machine: &Machine, settings: &Axis, drive: DriveFeedback) -> AxisUnit {
+    /// The axis of this index, commanded to be where its drive shows it; none where the machine has no such axis.
+    pub fn new(machine: &Machine, index: usize, drive: DriveFeedback) -> Option<AxisUnit> {
+        let settings = machine.axes.get(index)?;
         let mut unit = AxisUnit {
             settings: settings.clone(),
+            path_axis: machine.path_axis(index),
             drive: DriveFeedback::default(),
             answered_motor_mm: 0.0,
             command_position: 0,
@@ -61,7 +67,12 @@ impl AxisUnit {
         };
         unit.take_drive(drive);
         unit.command_position = unit.feedback_position();
-        unit
+        Some(unit)
+    }
+
+    /// Where this setpoint has it, in increments; none where no program moves it.
+    pub fn setpoint(&self, position: &[i64; PATH_AXES]) -> Option<i64> {
+        position.get(self.path_axis?).copied()
     }
 
     /// Whether its motor stands, as far as its drive shows it.

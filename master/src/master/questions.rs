@@ -3,8 +3,8 @@
 //! (docs/developers/architecture.md, "Questions").
 
 use bus::sample::{
-    Answer, AnswerOutcome, AskedInput, Cause, EventCode, Feedback, InputWait, Inputs, MAX_AXES,
-    Mode, PROBE_AWAY, PROBE_MUST, ProgramEvent,
+    Answer, AnswerOutcome, AskedInput, Cause, EventCode, Feedback, InputWait, Inputs, Mode,
+    PATH_AXES, PROBE_AWAY, PROBE_MUST, ProgramEvent,
 };
 use machine::PositionFeedback;
 
@@ -18,7 +18,7 @@ use crate::saved::QuestionLatches;
 struct Touch {
     made: bool,
     share: f64,
-    position: [i64; MAX_AXES],
+    position: [i64; PATH_AXES],
 }
 
 /// Questions of the program, and the inputs that answer them.
@@ -36,21 +36,12 @@ pub(super) struct Questions {
 }
 
 /// Where an axis is as its command position counts: by its scale, or by its motor, the lost motion that its servo compensates taken off.
-fn program_position(axis: &AxisUnit) -> i64 {
+pub(super) fn program_position(axis: &AxisUnit) -> i64 {
     let compensated = match axis.settings.feedback {
         PositionFeedback::Motor => axis.increments(axis.servos.command().compensation_mm),
         PositionFeedback::Scale => 0,
     };
     axis.feedback_position().saturating_sub(compensated)
-}
-
-/// Of all axes.
-pub(super) fn program_positions(axes: &[AxisUnit]) -> [i64; MAX_AXES] {
-    let mut positions = [0; MAX_AXES];
-    for (position, axis) in positions.iter_mut().zip(axes) {
-        *position = program_position(axis);
-    }
-    positions
 }
 
 impl Questions {
@@ -100,7 +91,7 @@ impl Questions {
     }
 
     /// What drives and terminals show at the end of a scan in which the axes went from one place to another.
-    pub fn take(&mut self, shown: InputFeedback, from: &[i64; MAX_AXES], to: &[i64; MAX_AXES]) {
+    pub fn take(&mut self, shown: InputFeedback, from: &[i64; PATH_AXES], to: &[i64; PATH_AXES]) {
         self.before = self.shown.digital;
         self.touched = !self.shown.contact && (shown.contact || shown.made_at.is_some());
         self.shown = shown;
@@ -176,7 +167,7 @@ impl Questions {
     }
 
     /// The probing motion has come to its end: the cause of a stop where contact was necessary.
-    pub fn end_probe(&mut self, rests: [i64; MAX_AXES]) -> Cause {
+    pub fn end_probe(&mut self, rests: [i64; PATH_AXES]) -> Cause {
         if !self.probes() {
             return Cause::None;
         }

@@ -1,6 +1,6 @@
 //! An axis whose servo says nothing, and what the master itself guards.
 
-use bus::sample::{Cause, Driver, MAX_AXES};
+use bus::sample::{Cause, Driver, PATH_AXES};
 use loops::braking;
 use loops::guards::Broken;
 
@@ -15,7 +15,7 @@ use super::servos::Taken;
 #[derive(Debug, Clone, Copy)]
 pub(super) struct NextScan<'a> {
     scan: u64,
-    positions: Option<[&'a [i64; MAX_AXES]; 3]>,
+    positions: Option<[&'a [i64; PATH_AXES]; 3]>,
     at_rest: bool,
     scan_s: f64,
 }
@@ -34,29 +34,30 @@ impl<'a> NextScan<'a> {
 
     /// Where an axis is in the scan that ends, in increments: the window in force has it there, or its course by hand, or nothing
     /// moves it.
-    pub fn planned(&self, axis: &AxisUnit, index: usize) -> Option<i64> {
-        match (axis.hand.driver(), self.positions) {
-            (Driver::Program, Some([now, _, _])) => now.get(index).copied(),
+    pub fn planned(&self, axis: &AxisUnit) -> Option<i64> {
+        let by_window = self.positions.and_then(|[now, _, _]| axis.setpoint(now));
+        match (axis.hand.driver(), by_window) {
+            (Driver::Program, Some(position)) => Some(position),
             (Driver::Program | Driver::Manual, _) => Some(axis.command_position()),
             (Driver::Drive, _) => None,
         }
     }
 
     /// Where an axis is commanded to be in the scan that comes next, in increments: no servo has a say in it.
-    fn position(&self, axis: &AxisUnit, index: usize) -> i64 {
-        let by_window = self.positions.and_then(|[_, next, _]| next.get(index));
+    fn position(&self, axis: &AxisUnit) -> i64 {
+        let by_window = self.positions.and_then(|[_, next, _]| axis.setpoint(next));
         match (axis.hand.driver(), by_window) {
-            (Driver::Program, Some(position)) => *position,
+            (Driver::Program, Some(position)) => position,
             (Driver::Manual, _) => axis.hand.place_in(1),
             _ => axis.command_position(),
         }
     }
 
     /// Its speed there, signed.
-    fn velocity_mm_s(&self, axis: &AxisUnit, index: usize) -> f64 {
+    fn velocity_mm_s(&self, axis: &AxisUnit) -> f64 {
         let by_window = self.positions.and_then(|[_, next, after]| {
-            let (next, after) = (next.get(index)?, after.get(index)?);
-            Some(after.saturating_sub(*next))
+            let (next, after) = (axis.setpoint(next)?, axis.setpoint(after)?);
+            Some(after.saturating_sub(next))
         });
         let step = match axis.hand.driver() {
             Driver::Manual => axis.hand.place_in(2).saturating_sub(axis.hand.place_in(1)),
@@ -66,11 +67,11 @@ impl<'a> NextScan<'a> {
     }
 
     /// The guard that the axis breaks, whatever its servo says of it.
-    pub fn broken_guard(&self, axis: &AxisUnit, index: usize) -> Cause {
+    pub fn broken_guard(&self, axis: &AxisUnit) -> Cause {
         if axis.hand.driver() == Driver::Drive {
             return Cause::None;
         }
-        let (command, feedback) = (self.position(axis, index), axis.feedback_position());
+        let (command, feedback) = (self.position(axis), axis.feedback_position());
         let error_mm = command.saturating_sub(feedback) as f64 * axis.settings.increment_mm();
         let broken = axis.guards.following_error(error_mm).or(axis
             .guards
@@ -89,21 +90,15 @@ impl<'a> NextScan<'a> {
 impl AxisUnit {
     /// Commands an axis with a closed loop whose servo is silent or lost, along the window until that ends at rest: the fault
     /// waits until then. By hand it goes on along its course as long as its servo may answer again.
-    pub(super) fn bridge_silence(
-        &mut self,
-        taken: &Taken,
-        fault: Cause,
-        next: &NextScan,
-        index: usize,
-    ) -> Cause {
+    pub(super) fn bridge_silence(&mut self, taken: &Taken, fault: Cause, next: &NextScan) -> Cause {
         let by_hand = self.hand.driver() != Driver::Program;
         let lost_by_hand = by_hand && matches!(taken, Taken::Lost);
         if !self.servos.must_be_replaced(taken) || lost_by_hand {
             return fault;
         }
-        let position = next.position(self, index);
-        let velocity_mm_s = next.velocity_mm_s(self, index);
-        if let Some(now) = next.planned(self, index) {
+        let position = next.position(self);
+        let velocity_mm_s = next.velocity_mm_s(self);
+        if let Some(now) = next.planned(self) {
             self.command_to(now);
         }
         self.replace_servo(taken, next.scan, position, velocity_mm_s);
@@ -127,8 +122,8 @@ impl<D: Drives> Master<D> {
             {
                 continue;
             }
-            let speeds = self.axes.iter().enumerate().map(|(index, axis)| {
-                let velocity_mm_s = next.velocity_mm_s(axis, index);
+            let speeds = self.axes.iter().map(|axis| {
+                let velocity_mm_s = next.velocity_mm_s(axis);
                 (velocity_mm_s, axis.settings.quick_stop_mm_s2)
             });
             let deceleration_mm_s2 = braking::deceleration_mm_s2(speeds, index);

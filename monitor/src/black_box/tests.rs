@@ -89,7 +89,7 @@ impl Bench {
             }
             let mut instruments = Instruments::zeroed();
             (instruments.scan, instruments.visible_from) = (scan, scan);
-            instruments.table_mm[1][2] = scan as f64;
+            instruments.axes[1].table_mm[2] = scan as f64;
             self.black_box.take(SampleRef::Instruments(&instruments));
             self.fed.push(Sample::Instruments(Box::new(instruments)));
             for axis in 0..2 {
@@ -422,7 +422,7 @@ fn black_box_cost_per_scan() {
                 let started = Instant::now();
                 (feedback.scan, instruments.scan, command.scan) = (scan, scan, scan);
                 feedback.axes[0].motor_position = scan as i64 * 7919;
-                instruments.table_mm[0][0] = scan as f64 * 1e-3;
+                instruments.axes[0].table_mm[0] = scan as f64 * 1e-3;
                 black_box.take(SampleRef::Instruments(&instruments));
                 for axis in 0..axes {
                     command.axis = axis as u32;

@@ -154,7 +154,8 @@ impl Rows {
     fn instruments(&mut self, sample: &Instruments, out: &mut Vec<(usize, u64, AxisRow)>) {
         let last = (sample.subsamples as usize).saturating_sub(1);
         for axis in 0..self.increment_mm.len() {
-            let table_mm = sample.table_mm.get(axis).and_then(|row| row.get(last));
+            let seen = sample.axes.get(axis);
+            let table_mm = seen.and_then(|axis| axis.table_mm.get(last));
             let set = |row: &mut AxisRow| row.table_mm = table_mm.copied().unwrap_or(f64::NAN);
             self.fill(axis, sample.scan, INSTRUMENTS, set, out);
         }

@@ -8,7 +8,7 @@ use machine::Machine;
 /// What is in use of the arrays: the same for all samples of one run.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Extent {
-    /// Letters of the axes, in order.
+    /// Names of the axes, in order.
     pub axes: Vec<String>,
     /// Instrument samples within a scan.
     pub subsamples: usize,
@@ -162,10 +162,22 @@ impl<'a> Builder<'a> {
         }
     }
 
+    /// Names of the elements of an array of axes.
+    fn axes_of(&self, cut: Cut) -> &'a [String] {
+        let axes = self.extent.axes.as_slice();
+        let lettered = axes.iter().take_while(|name| machine::is_letter(name));
+        match cut {
+            Cut::Axes => axes,
+            Cut::PathAxes => axes.get(..lettered.count()).unwrap_or(axes),
+            Cut::Whole | Cut::Subsamples => &[],
+        }
+    }
+
     fn used(&self, cut: Cut, count: usize) -> usize {
         match cut {
             Cut::Whole => count,
-            Cut::Axes | Cut::AxesAndSubsamples => self.extent.axes.len().min(count),
+            Cut::Axes | Cut::PathAxes => self.axes_of(cut).len().min(count),
+            Cut::Subsamples => self.extent.subsamples.min(count),
         }
     }
 
@@ -197,16 +209,10 @@ impl<'a> Builder<'a> {
             }
             Kind::Array(element, count) => {
                 for index in 0..self.used(cut, *count) {
-                    let axis = self.extent.axes.get(index).filter(|_| cut != Cut::Whole);
+                    let axis = self.axes_of(cut).get(index);
                     let part = axis.map_or(index.to_string(), |axis| axis.to_lowercase());
                     let at = offset + index * element.bytes();
-                    match (cut, element) {
-                        (Cut::AxesAndSubsamples, Kind::Array(inner, most)) => {
-                            let used = Kind::Array(inner, self.extent.subsamples.min(*most));
-                            self.place(&within(&part), &used, at, Cut::Whole);
-                        }
-                        _ => self.place(&within(&part), element, at, Cut::Whole),
-                    }
+                    self.place(&within(&part), element, at, Cut::Whole);
                 }
             }
         }
@@ -239,13 +245,6 @@ impl<'a> Builder<'a> {
             (Cut::Axes, Kind::Array(Kind::Struct(table), _)) => {
                 axes.for_each(|axis| {
                     let _ = writeln!(body, "quadrant/{} {axis}", table.name);
-                });
-                Ok(())
-            }
-            (Cut::AxesAndSubsamples, Kind::Array(Kind::Array(element, most), _)) => {
-                let used = self.extent.subsamples.min(*most);
-                axes.for_each(|axis| {
-                    let _ = writeln!(body, "{}[{used}] {name}_{axis}", type_name(element));
                 });
                 Ok(())
             }
@@ -284,9 +283,10 @@ mod tests {
     use bus::sample::*;
 
     fn extent(axes: usize, subsamples: usize) -> Extent {
-        let letters = ["X", "Y", "Z", "A", "B", "C", "U", "V"];
+        let letters = ["X", "Y", "Z", "A", "B", "C", "U", "V"].map(String::from);
+        let others = (1..).map(|number| format!("P{number}"));
         Extent {
-            axes: letters.iter().take(axes).map(|l| l.to_string()).collect(),
+            axes: letters.into_iter().chain(others).take(axes).collect(),
             subsamples,
         }
     }
@@ -361,7 +361,7 @@ mod tests {
         );
         assert!(layout.schema.contains("MSG: quadrant/AxisFeedback\n"));
         let layout = Layout::of::<Instruments>(&extent(3, 4));
-        assert!(layout.schema.contains("float64[4] table_mm_z\n"));
+        assert!(layout.schema.contains("quadrant/AxisInstruments z\n"));
     }
 
     #[test]
@@ -376,7 +376,7 @@ mod tests {
             answer + std::mem::offset_of!(Answer, tripped),
             answer + std::mem::offset_of!(Answer, rests),
         ] {
-            sample[places + 3 * size_of::<i64>()..places + MAX_AXES * size_of::<i64>()].fill(0);
+            sample[places + 3 * size_of::<i64>()..places + PATH_AXES * size_of::<i64>()].fill(0);
         }
         let mut message = Vec::new();
         layout.encode(&sample, &mut message);

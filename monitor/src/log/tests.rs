@@ -35,6 +35,7 @@ impl Synthetic {
         let mut sample: Feedback = scrambled(scan);
         sample.scan = scan;
         sample.axis_count = self.axes as u32;
+        sample.path_axes = self.axes as u32;
         let places = [
             &mut sample.program_start,
             &mut sample.answer.tripped,
@@ -51,11 +52,10 @@ impl Synthetic {
         let mut sample: Instruments = scrambled(scan + 1_000_000);
         sample.scan = scan;
         sample.subsamples = self.subsamples as u32;
-        for table in [&mut sample.table_mm, &mut sample.motor_mm] {
-            table[self.axes..].fill([0.0; MAX_SUBSAMPLES]);
-            for setpoint in table.iter_mut() {
-                setpoint[self.subsamples..].fill(0.0);
-            }
+        sample.axes[self.axes..].fill(AxisInstruments::zeroed());
+        for axis in &mut sample.axes {
+            axis.table_mm[self.subsamples..].fill(0.0);
+            axis.motor_mm[self.subsamples..].fill(0.0);
         }
         sample
     }
@@ -152,7 +152,8 @@ fn a_cycle_of_the_bus_is_read_back_and_counts_in_no_digest() {
     let dir = tempfile::tempdir().unwrap();
     let mut on_bus = machine(&["X", "Y"]);
     let cycle: bus::sample::BusCycle = bus::sample::BusCycle {
-        inputs: [1, 2, 0, 0, 0, 0, 0, 0],
+        axis_count: 2,
+        inputs: std::array::from_fn(|axis| [1, 2].get(axis).copied().unwrap_or(0)),
         round_trip_ns: 81_234,
         ..scrambled(3)
     };
@@ -401,8 +402,8 @@ fn recording_cost_per_scan() {
                 feedback.axes[axis].torque_nm = at * 0.1;
                 feedback.axes[axis].velocity_mm_s = at * 3.0;
                 for sub in 0..4 {
-                    instruments.table_mm[axis][sub] = at + sub as f64 * 1e-5;
-                    instruments.motor_mm[axis][sub] = at - sub as f64 * 1e-5;
+                    instruments.axes[axis].table_mm[sub] = at + sub as f64 * 1e-5;
+                    instruments.axes[axis].motor_mm[sub] = at - sub as f64 * 1e-5;
                 }
             }
             recorder.record(SampleRef::Feedback(&feedback)).unwrap();

@@ -2,11 +2,11 @@
 
 use nalgebra::SVector;
 
-use super::{AxisVector, MAX_AXES};
+use super::{AxisVector, PATH_AXES};
 
 /// A cubic from a place on.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct CubicPiece<const AXES: usize = MAX_AXES> {
+pub struct CubicPiece<const AXES: usize = PATH_AXES> {
     /// Where it begins, in mm on its element.
     pub from_mm: f64,
     /// What is added there, and its first, second and third derivative with respect to the distance.

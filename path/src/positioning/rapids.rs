@@ -1,6 +1,6 @@
 //! The rapids of a program that run from rest to rest, each with its profile and the rest its axes have after it.
 
-use crate::geometry::{Element, Feed, MAX_AXES, Shape};
+use crate::geometry::{Element, Feed, PATH_AXES, Shape};
 use crate::path_part::PathPart;
 use crate::segment::Segment;
 
@@ -15,7 +15,7 @@ const STANDSTILL_SHARE: f64 = 0.1;
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Positioning {
     /// Per axis.
-    pub loads: [Option<MotorLoad>; MAX_AXES],
+    pub loads: [Option<MotorLoad>; PATH_AXES],
 }
 
 /// A rapid from rest to rest.
@@ -27,9 +27,9 @@ pub struct Move {
     pub profile: Profile,
     /// Rest of each axis from its end until that axis' next rapid, or the end of the program, in s: dwells, rapids of
     /// other axes, and cutting as far as friction leaves of it ([`MotorLoad::rest_share_at`]). 0 for axes that are at rest.
-    pub rest_s: [f64; MAX_AXES],
+    pub rest_s: [f64; PATH_AXES],
     /// Root mean square of each motor's force over the move and that rest, as a share of its rating; 0 without a load.
-    pub rms_share: [f64; MAX_AXES],
+    pub rms_share: [f64; PATH_AXES],
 }
 
 /// Whether an element can be a move of its own: a straight rapid.
@@ -65,7 +65,7 @@ pub(crate) fn assign(
     first_move: usize,
 ) -> Vec<Move> {
     let scan_period_s = part.limits().scan_period_s();
-    let mut rest_s = [0.0; MAX_AXES];
+    let mut rest_s = [0.0; PATH_AXES];
     let mut moves = Vec::new();
     for segment in segments.iter_mut().rev() {
         let Some(element) = part.get(segment.element) else {
@@ -125,8 +125,8 @@ fn profile_of(
     element: &Element,
     segment: &Segment,
     positioning: &Positioning,
-    shares: &[f64; MAX_AXES],
-    rest_s: &[f64; MAX_AXES],
+    shares: &[f64; PATH_AXES],
+    rest_s: &[f64; PATH_AXES],
     scan_period_s: f64,
 ) -> Option<Profile> {
     let axes = shares.iter().zip(&positioning.loads).zip(rest_s);
@@ -165,15 +165,15 @@ fn refer_to(moves: &[Move], first_move: usize, segments: &mut [Segment]) {
 fn of_axes(
     segment: &Segment,
     profile: Profile,
-    rest_s: &[f64; MAX_AXES],
-    shares: &[f64; MAX_AXES],
-    loads: &[Option<MotorLoad>; MAX_AXES],
+    rest_s: &[f64; PATH_AXES],
+    shares: &[f64; PATH_AXES],
+    loads: &[Option<MotorLoad>; PATH_AXES],
 ) -> Move {
     let mut of_move = Move {
         element: segment.element,
         profile,
-        rest_s: [0.0; MAX_AXES],
-        rms_share: [0.0; MAX_AXES],
+        rest_s: [0.0; PATH_AXES],
+        rms_share: [0.0; PATH_AXES],
     };
     let of_axes = of_move.rest_s.iter_mut().zip(&mut of_move.rms_share);
     let given = rest_s.iter().zip(shares).zip(loads);
@@ -196,8 +196,8 @@ fn of_axes(
 }
 
 /// Most of the path speed that each axis takes part with on an element.
-fn axis_shares(element: &Element) -> [f64; MAX_AXES] {
-    let mut shares = [0.0; MAX_AXES];
+fn axis_shares(element: &Element) -> [f64; PATH_AXES] {
+    let mut shares = [0.0; PATH_AXES];
     match &element.shape {
         Shape::Line { .. } => {
             for (share, component) in shares.iter_mut().zip(&element.tangent(0.0)) {

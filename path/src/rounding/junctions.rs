@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use crate::geometry::{Correction, Element, MAX_AXES};
+use crate::geometry::{Correction, Element, PATH_AXES};
 
 use super::correction::{Cubics, Round};
 use super::evening::{self, FITTED};
@@ -81,7 +81,7 @@ impl Junctions {
         match self.axis_count {
             0..=2 => self.corrections_of::<2>(wanted, settings),
             3..=4 => self.corrections_of::<4>(wanted, settings),
-            _ => self.corrections_of::<MAX_AXES>(wanted, settings),
+            _ => self.corrections_of::<PATH_AXES>(wanted, settings),
         }
     }
 

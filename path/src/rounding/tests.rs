@@ -5,7 +5,7 @@ use proptest::prelude::*;
 const SETTINGS: RoundingSettings = RoundingSettings {
     corner_angle_rad: 0.5,
     rotary_tolerance_deg: 0.05,
-    rotary: [false; MAX_AXES],
+    rotary: [false; PATH_AXES],
 };
 const FEED: Feed = Feed::PathMmS(100.0);
 

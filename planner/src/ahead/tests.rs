@@ -34,7 +34,7 @@ fn text_in(mode: &str, passes: u32) -> ProgramText {
 fn begun(
     machine: &Machine,
     text: &ProgramText,
-    start: [i64; MAX_AXES],
+    start: [i64; PATH_AXES],
     place: Option<&Place>,
 ) -> Result<Course, AheadError> {
     Course::new(machine, text, start, place, Setup::of(machine))
@@ -68,7 +68,7 @@ fn a_rounded_program_that_is_gone_on_with_from_a_place_is_that_of_its_start() {
 }
 
 fn gone_on_with_from_every_place(text: &ProgramText) {
-    let (machine, start) = (machine(), [0; MAX_AXES]);
+    let (machine, start) = (machine(), [0; PATH_AXES]);
     let mut whole = begun(&machine, text, start, None).expect("a course");
     let mut places: Vec<Place> = Vec::new();
     while !whole.is_over() {
@@ -126,7 +126,7 @@ fn gone_on_with_from_every_place(text: &ProgramText) {
 #[test]
 fn what_lies_behind_the_tool_takes_no_memory() {
     let machine = machine();
-    let mut course = begun(&machine, &text(40_000), [0; MAX_AXES], None).expect("a course");
+    let mut course = begun(&machine, &text(40_000), [0; PATH_AXES], None).expect("a course");
     let mut most = 0;
     while !course.is_over() {
         let end = course.windows.path().end();
@@ -146,7 +146,7 @@ fn what_lies_behind_the_tool_takes_no_memory() {
 fn a_mistake_far_ahead_lets_everything_before_it_be_travelled() {
     let blocks: String = (0..3000).map(|n| format!("G1 X{} F600\n", n % 9)).collect();
     let text = ProgramText::Here("wrong.ngc".into(), (blocks + "G1 X[1/0]\nM2\n").into());
-    let mut course = begun(&machine(), &text, [0; MAX_AXES], None).expect("a course");
+    let mut course = begun(&machine(), &text, [0; PATH_AXES], None).expect("a course");
     read_until_refused(&mut course);
     let refused = course.refused().expect("a refusal").to_string();
     assert!(refused.contains("wrong.ngc:3001"), "{refused}");
@@ -163,7 +163,7 @@ fn read_until_refused(course: &mut Course) {
 #[test]
 fn events_of_a_program_in_pieces_are_those_of_the_whole() {
     let machine = machine();
-    let mut course = begun(&machine, &text(600), [0; MAX_AXES], None).expect("a course");
+    let mut course = begun(&machine, &text(600), [0; PATH_AXES], None).expect("a course");
     read_all(&mut course, 0);
     let events = events_from(&course, 0);
     let codes: Vec<u32> = events.iter().map(|event| event.code).collect();
@@ -186,7 +186,7 @@ fn a_program_begins_with_its_first_reading_however_short_its_elements_are() {
         let chord = |n: u32| format!("G1 X{:.6}\n", f64::from(n) * length_mm);
         let text = "G21 G61 F10000\n".to_string() + &(1..20_000).map(chord).collect::<String>();
         let text = ProgramText::Here("chords.ngc".into(), (text + "M2\n").into());
-        let mut course = begun(&machine, &text, [0; MAX_AXES], None).expect("a course");
+        let mut course = begun(&machine, &text, [0; PATH_AXES], None).expect("a course");
         course.read_on(0, false);
         assert!(!course.is_over() && course.is_ready(0), "{length_mm} mm");
         let at_hand = course.windows.path().end();

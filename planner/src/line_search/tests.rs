@@ -12,7 +12,7 @@ fn machine() -> Machine {
 
 fn found(text: &str, line: u32) -> Result<StartPlace, String> {
     let text = ProgramText::Here("part.ngc".into(), text.into());
-    start_place(&machine(), &text, [0; MAX_AXES], line).map_err(|error| error.to_string())
+    start_place(&machine(), &text, [0; PATH_AXES], line).map_err(|error| error.to_string())
 }
 
 fn codes(place: &StartPlace) -> Vec<(EventCode, u32, f64)> {

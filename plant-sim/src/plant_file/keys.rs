@@ -214,9 +214,7 @@ pub struct PlantInput {
 #[serde(deny_unknown_fields)]
 pub struct PlantAxis {
     /// Its name, as in the machine file.
-    #[schemars(extend("enum" = [
-        "X", "Y", "Z", "A", "B", "C", "U", "V", "W", "X2", "Y2", "Z2", "A2", "B2", "C2", "U2", "V2", "W2"
-    ]))]
+    #[schemars(extend("enum" = machine::axis_names()))]
     pub name: String,
     /// Linear or rotary. A rotary axis has the keys of a slide in units of its own: degrees for mm, and torques about the axis.
     #[schemars(extend("default" = "linear"))]

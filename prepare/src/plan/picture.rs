@@ -20,7 +20,7 @@ pub(super) struct Picture {
 impl Picture {
     /// Of the two slides that a program moves furthest.
     pub fn of(checked: &Checked) -> Self {
-        let axes = &checked.machine.axes;
+        let axes = checked.machine.program_axes();
         let mut extents: Vec<(usize, f64)> = Vec::new();
         for (index, axis) in axes.iter().enumerate() {
             if axis.kind != AxisKind::Linear {

@@ -135,6 +135,8 @@ pub struct LimitCounts {
 /// The limits of one axis, in increments per scan.
 #[derive(Debug, Clone, Copy)]
 struct AxisLimit {
+    /// Its place on the path, if it has one.
+    path_axis: Option<usize>,
     step: f64,
     step_change: f64,
     /// Between two changes of steps; infinite where jerk is not limited.
@@ -173,10 +175,11 @@ impl LimitsAudit {
             WithinPeriod::Linear => machine.scan.interpolation_period_scans,
         };
         let stride_s = period_s * f64::from(stride);
-        let limits = machine.axes.iter().map(|axis| {
+        let limits = machine.axes.iter().enumerate().map(|(index, axis)| {
             let increment_mm = axis.increment_mm();
             let [min, max] = axis.travel_increments();
             AxisLimit {
+                path_axis: machine.path_axis(index),
                 step: axis.rapid_mm_s * period_s / increment_mm * (1.0 + 1e-9) + 1.0,
                 step_change: axis.acceleration_mm_s2 * stride_s * stride_s / increment_mm
                     * (1.0 + 1e-9)
@@ -214,7 +217,10 @@ impl LimitsAudit {
         if !commanded || missed {
             return;
         }
-        let now = feedback.axes.map(|axis| axis.command_position);
+        let mut now = [0; MAX_AXES];
+        for (now, axis) in now.iter_mut().zip(feedback.axes()) {
+            *now = axis.command_position;
+        }
         let step = |a: &[i64; MAX_AXES], b: &[i64; MAX_AXES], axis: usize| {
             let value = |row: &[i64; MAX_AXES]| row.get(axis).copied().unwrap_or(0);
             value(a).saturating_sub(value(b)) as f64
@@ -225,7 +231,10 @@ impl LimitsAudit {
                 continue;
             };
             let reach = limit.travel.from_place(value(one));
-            let reach = reach.from_place(value(&feedback.program_start));
+            let began = limit
+                .path_axis
+                .and_then(|axis| feedback.program_start.get(axis));
+            let reach = began.map_or(reach, |began| reach.from_place(*began));
             self.counts.travel += u64::from(!reach.holds(value(&now)));
             let last_step = step(&now, one, axis);
             self.counts.velocity += u64::from(last_step.abs() > limit.step);

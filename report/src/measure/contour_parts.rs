@@ -23,7 +23,7 @@
 mod tests;
 
 use nalgebra::{DMatrix, DVector};
-use path::geometry::{AxisVector, MAX_AXES};
+use path::geometry::{AxisVector, PATH_AXES};
 use path::kinematics::Kinematics;
 use serde::Serialize;
 
@@ -167,7 +167,7 @@ pub struct ContourPartsMeter {
 impl ContourPartsMeter {
     /// For axes of these increments, in mm.
     pub fn new(kinematics: &Kinematics, increments_mm: &[f64], period_s: f64) -> Self {
-        let tracks = increments_mm.iter().take(MAX_AXES).map(|mm| Track {
+        let tracks = increments_mm.iter().take(PATH_AXES).map(|mm| Track {
             turns: Turns::new(*mm),
             increment_mm: *mm,
             direction: 0,

@@ -461,7 +461,7 @@ fn values_out_of_all_reason_do_not_upset_the_measurement() {
                 sample.axes[0].command_position = i64::MIN;
             }
             Sample::Instruments(sample) if sample.scan.is_multiple_of(70) => {
-                sample.table_mm[0][1] = f64::NAN;
+                sample.axes[0].table_mm[1] = f64::NAN;
                 sample.subsamples = 4_000_000_000;
             }
             Sample::Command(sample) if sample.scan.is_multiple_of(90) => {

@@ -1,8 +1,10 @@
 //! What a scope can show: one number per scan, each with its name, its unit and where it comes from.
 
-use bus::sample::{AxisCommand, AxisFeedback, BusCycle, Feedback, MAX_AXES, MAX_SUBSAMPLES, Mode};
+use bus::sample::{
+    AxisCommand, AxisFeedback, AxisInstruments, BusCycle, Feedback, MAX_SUBSAMPLES, Mode,
+};
 use console::output::joined;
-use machine::{AxisKind, GantryPair, Machine, PositionFeedback};
+use machine::{AxisKind, Machine, PositionFeedback};
 use path::geometry::{AxisVector, Path};
 use path::kinematics::Kinematics;
 
@@ -87,7 +89,7 @@ const OF_AXIS: [Kind; 15] = [
     ("torque_command", TORQUE, "asked for by the servo in this scan: fed forward, or all of it in torque mode",
         |of| Some(of.command()?.torque_nm)),
     ("table", POSITION, "the table at the end of the scan, as the bench's instruments see it",
-        |of| of.last_mm(of.axis, &of.set.instruments.as_ref()?.table_mm)),
+        |of| of.last_mm(|axis| &axis.table_mm)),
     ("wind_up", DEVIATION, "motor minus table at the end of the scan: wind-up and lost motion",
         |of| of.wind_up_um()),
     ("winding", TEMPERATURE, "winding temperature above ambient",
@@ -359,7 +361,7 @@ pub struct Eyes {
     increment_mm: Vec<f64>,
     by_scale: Vec<bool>,
     kinematics: Kinematics,
-    gantries: Vec<GantryPair>,
+    machine: Machine,
     /// Path of the program, once it is known.
     pub path: Option<KnownPath>,
 }
@@ -375,7 +377,7 @@ impl Eyes {
                 .map(|a| a.feedback == PositionFeedback::Scale)
                 .collect(),
             kinematics: program::kinematics_of(machine),
-            gantries: machine.gantries().collect(),
+            machine: machine.clone(),
             path: None,
         }
     }
@@ -430,28 +432,21 @@ impl Seen<'_> {
         })
     }
 
-    /// Where an instrument saw an axis at the end of the scan.
-    fn last_mm(&self, axis: usize, rows: &[[f64; MAX_SUBSAMPLES]; MAX_AXES]) -> Option<f64> {
-        let last = (self.set.instruments.as_ref()?.subsamples as usize).checked_sub(1)?;
-        rows.get(axis)?.get(last).copied()
+    /// Where an instrument saw the axis at the end of the scan.
+    fn last_mm(&self, of: fn(&AxisInstruments) -> &[f64; MAX_SUBSAMPLES]) -> Option<f64> {
+        let instruments = self.set.instruments.as_ref()?;
+        let axis = instruments.axes().get(self.axis)?;
+        of(axis).get(instruments.last()?).copied()
     }
 
     fn wind_up_um(&self) -> Option<f64> {
-        let instruments = self.set.instruments.as_ref()?;
-        let [motor, table] = [&instruments.motor_mm, &instruments.table_mm];
-        Some((self.last_mm(self.axis, motor)? - self.last_mm(self.axis, table)?) * 1e3)
+        Some((self.last_mm(|axis| &axis.motor_mm)? - self.last_mm(|axis| &axis.table_mm)?) * 1e3)
     }
 
     fn contour_error_um(&self) -> Option<f64> {
         let instruments = self.set.instruments.as_ref()?;
-        let mut table_mm = AxisVector::zeros();
-        let axes = 0..self.eyes.increment_mm.len();
-        for (to, axis) in table_mm.iter_mut().zip(axes) {
-            *to = self.last_mm(axis, &instruments.table_mm)?;
-        }
-        for pair in &self.eyes.gantries {
-            pair.meet(table_mm.as_mut_slice());
-        }
+        let table_mm = instruments.places_mm(instruments.last()?, |axis| &axis.table_mm);
+        let table_mm = AxisVector::from(self.eyes.machine.to_program_axes(table_mm));
         let tool_mm = self.eyes.kinematics.tool(&table_mm);
         Some(contour::error_mm(&self.path()?.path, &self.feedback.tag, &tool_mm)? * 1e3)
     }

@@ -47,8 +47,8 @@ fn of(scan: u64) -> Scan {
     instruments.visible_from = scan + 1;
     instruments.subsamples = 4;
     instruments.axis_count = 2;
-    instruments.table_mm[0][3] = 1.5;
-    instruments.motor_mm[0][3] = 1.504;
+    instruments.axes[0].table_mm[3] = 1.5;
+    instruments.axes[0].motor_mm[3] = 1.504;
     Scan {
         feedback,
         commands,
@@ -525,8 +525,8 @@ fn a_line_is_reached_once_and_the_way_along_the_path_goes_on_from_element_to_ele
             distance_mm: if second { along - 10.0 } else { along },
             dwell_remaining_scans: 0,
         };
-        made.instruments.table_mm[0][3] = along.min(15.0);
-        made.instruments.table_mm[1][3] = 0.002;
+        made.instruments.axes[0].table_mm[3] = along.min(15.0);
+        made.instruments.axes[1].table_mm[3] = 0.002;
     };
     for (trigger, expected) in [
         ("block 7", vec![667]),
@@ -615,7 +615,8 @@ fn what_the_bus_did_is_shown_in_its_scan_and_a_scan_without_an_answer_has_no_tim
             round_trip_ns: 80_000 + scan,
             clock_offset_ns: -500,
             distributed_clocks: 1,
-            inputs: [0, 4, 0, 0, 0, 0, 0, 0],
+            inputs: std::array::from_fn(|axis| 4 * u64::from(axis == 1)),
+            axis_count: 2,
             ..BusCycle::default()
         };
         // In the order of the recorder: what was made in a scan comes before the feedback of the next.

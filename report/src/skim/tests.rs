@@ -61,7 +61,7 @@ fn many_chunks(dir: &Path) {
         feedback.scan = scan;
         if scan >= 1200 {
             feedback.window.sequence = 1;
-            feedback.program_start = [scan as i64; MAX_AXES];
+            feedback.program_start = [scan as i64; PATH_AXES];
             feedback.program_hash = 77;
         }
         recorder.record(SampleRef::Feedback(&feedback)).unwrap();

@@ -10,7 +10,7 @@ use anyhow::{bail, ensure};
 use bus::sample::{Feedback, Mode, PathTag};
 use loops::path_correction::{Knot, PathCorrection};
 use machine::learned_path::{LEARNED_PATH_ROWS_MAX, LearnedPath};
-use machine::{Machine, PositionFeedback};
+use machine::{Axis, Machine, PositionFeedback};
 use monitor::log::{LOG_FILE, Reader, Sample, part_files};
 use path::geometry::{AxisVector, Feed, Path};
 use path::kinematics::Kinematics;
@@ -44,8 +44,8 @@ pub(crate) fn observe(
         "learns along the path only where each axis moves the tool in a straight line of its own"
     );
     ensure!(
-        machine.gantries().next().is_none(),
-        "learns along the path only where each axis has one motor"
+        machine.axes.iter().all(Axis::has_letter),
+        "learns along the path only where each axis has a letter and one motor"
     );
     let Some(RunPath::Whole(path)) = ::report::run_path(run_dir)? else {
         bail!("the program has too many elements to be learned along its path");
@@ -256,7 +256,13 @@ impl Gathering<'_> {
         }
         let positions = |of: &dyn Fn(usize) -> i64| {
             let mut mm = AxisVector::zeros();
-            for ((index, axis), mm) in self.machine.axes.iter().enumerate().zip(mm.iter_mut()) {
+            for ((index, axis), mm) in self
+                .machine
+                .program_axes()
+                .iter()
+                .enumerate()
+                .zip(mm.iter_mut())
+            {
                 *mm = of(index) as f64 * axis.increment_mm();
             }
             mm

@@ -5,8 +5,8 @@ use std::collections::VecDeque;
 use bus::member::Pace;
 use bus::messages::{ProgramMessage, TROUBLE};
 use bus::sample::{
-    AxisCommand, Cause, Feedback, Instruments, Job, MAX_SUBSAMPLES, Mode, Participant,
-    PlannerStatus, ProgramState, Roster, STANDBY_ALARM_S,
+    AxisCommand, Cause, Feedback, Instruments, Job, Mode, Participant, PlannerStatus, ProgramState,
+    Roster, STANDBY_ALARM_S,
 };
 use machine::{Machine, Process};
 use path::geometry::{AxisVector, Element, Feed, Shape};
@@ -222,16 +222,9 @@ impl Model {
 
     /// Takes what the instruments saw of a scan.
     pub fn instruments(&mut self, sample: &Instruments) {
-        let last = (sample.subsamples as usize).clamp(1, MAX_SUBSAMPLES) - 1;
-        let mut table_mm = AxisVector::zeros();
-        for (to, from) in table_mm
-            .iter_mut()
-            .zip(&sample.table_mm)
-            .take(self.axes.len())
-        {
-            *to = from.get(last).copied().unwrap_or(0.0);
-        }
-        self.machine.to_program_axes(table_mm.as_mut_slice());
+        let last = sample.last().unwrap_or(0);
+        let table_mm = sample.places_mm(last, |axis| &axis.table_mm);
+        let table_mm = AxisVector::from(self.machine.to_program_axes(table_mm));
         self.take_trail(sample.scan, &table_mm);
         let (Some(note), Some(program)) = (self.track.of_mut(sample.scan), &self.program) else {
             return;

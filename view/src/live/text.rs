@@ -134,7 +134,8 @@ fn readout(text: &mut String, state: &CellState, machine: &Machine) {
     if let Some(offset) = &readout.work_offset {
         let _ = write!(text, "    work offset {offset}");
     }
-    for axis in state.axes.iter().take(machine.program_axes().len()) {
+    let named = state.axes.iter().zip(&machine.axes);
+    for (axis, _) in named.filter(|(_, of)| !of.is_follower()) {
         let _ = write!(
             text,
             "\n  {:<2} {:<3} {:>10}  {:>+11.4}  {:>14}",

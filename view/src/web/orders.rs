@@ -19,8 +19,6 @@ use crate::live::words::failure_words;
 /// A command that has not ended by then is ended: each has its own limits, and they are shorter.
 const LIMIT: Duration = Duration::from_secs(30);
 const LOOK: Duration = Duration::from_millis(3);
-/// Axis letters in an order, at most.
-const AXES_MAX: usize = 16;
 
 /// What may be ordered.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -103,17 +101,17 @@ const EXAMPLES: &str = r#"{"order":"hold"}, "resume", "stop", "estop", "start", 
 pub fn parse(body: &[u8]) -> Result<WebOrder, String> {
     let order: WebOrder = serde_json::from_slice(body)
         .map_err(|error| format!("no order: {error}; an order is one of {EXAMPLES}\n"))?;
-    let is_letter = |axis: &String| {
-        let plain = axis.chars().all(|letter| letter.is_ascii_alphabetic());
-        plain && (1..=2).contains(&axis.len())
+    let is_name = |axis: &String| {
+        let number = axis.strip_prefix(|letter: char| letter.is_ascii_alphabetic());
+        number.is_some_and(|of| of.len() <= 2 && of.chars().all(|digit| digit.is_ascii_digit()))
     };
     let axes: &[String] = match &order {
         WebOrder::Jog { axis, .. } | WebOrder::Zero { axis } => std::slice::from_ref(axis),
         WebOrder::Home { axes } => axes,
         _ => &[],
     };
-    if axes.len() > AXES_MAX || !axes.iter().all(is_letter) {
-        return Err("an axis is named by its letter, as X\n".into());
+    if axes.len() > bus::sample::MAX_AXES || !axes.iter().all(is_name) {
+        return Err("an axis is named by its letter, as X, or as P7\n".into());
     }
     if let WebOrder::Jog {
         session,
@@ -299,7 +297,7 @@ mod tests {
             let words = parse(body.as_bytes()).expect_err(body);
             assert!(words.contains(r#"{"order":"jog","axis":"X""#), "{words}");
         }
-        for axis in ["", "--wait", "XYZ", "X 1", "/"] {
+        for axis in ["", "--wait", "XYZ", "X 1", "/", "7", "P123"] {
             let body = format!(r#"{{"order":"jog","axis":"{axis}","distance":1}}"#);
             let words = parse(body.as_bytes()).expect_err(axis);
             assert!(words.contains("by its letter"), "{axis}: {words}");

@@ -192,11 +192,9 @@ impl Rest {
         if self.watched_scans == 0 {
             return;
         }
-        let last = (instruments.subsamples as usize).saturating_sub(1);
-        for (kept, samples) in self.table_mm.iter_mut().zip(&instruments.table_mm) {
-            let Some(table_mm) = samples.get(last).copied() else {
-                continue;
-            };
+        let last = instruments.last().unwrap_or(0);
+        let tables_mm = instruments.places_mm(last, |axis| &axis.table_mm);
+        for (kept, table_mm) in self.table_mm.iter_mut().zip(tables_mm) {
             if kept.len() == self.watched_scans {
                 kept.pop_front();
             }

@@ -16,7 +16,7 @@ use crate::cell::{Queue, Window};
 pub(super) struct AnswersAgain<'a> {
     tape: &'a Tape,
     done: usize,
-    answers: Box<Answers>,
+    answers: Answers,
     windows: Queue<Arc<Window>>,
     /// The feedback of the scan in progress is that of the tape.
     pub agrees: bool,
@@ -27,7 +27,7 @@ impl<'a> AnswersAgain<'a> {
         AnswersAgain {
             tape,
             done: 0,
-            answers: Box::new(Answers::NONE),
+            answers: Answers::of_axes(tape.roster.places().len()),
             windows: Queue::new(),
             agrees: true,
         }

@@ -13,7 +13,7 @@ use crate::cell::{InProcessCell, Window};
 /// One scan of it.
 #[derive(Debug)]
 pub(super) struct Scan {
-    pub feedback: Box<Feedback>,
+    pub feedback: Arc<Feedback>,
     /// By axis.
     pub commands: Vec<AxisCommand>,
     /// Where the planner has answered.
@@ -65,7 +65,7 @@ impl Tape {
             }
             tape.roster = *published.roster;
             tape.scans.push(Scan {
-                feedback: Box::new(*published.feedback),
+                feedback: Arc::new(*published.feedback),
                 commands: published.commands.to_vec(),
                 status: published
                     .status

@@ -44,13 +44,14 @@ fn positions(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>, spaced: boo
         "axis", "work", "machine", "distance to go"
     );
     let mut lines = vec![Line::styled(heading, palette.title())];
-    for axis in state.axes.iter().take(machine.program_axes().len()) {
+    let named = state.axes.iter().zip(&machine.axes);
+    for (axis, _) in named.filter(|(_, of)| !of.is_follower()) {
         if spaced {
             lines.push(Line::raw(""));
         }
         lines.push(Line::from(vec![
-            Span::styled(format!("  {:<2}", axis.axis), palette.title()),
-            Span::styled(format!("{:<4}", axis.unit), palette.quiet()),
+            Span::styled(format!("  {:<3}", axis.axis), palette.title()),
+            Span::styled(format!("{:<3}", axis.unit), palette.quiet()),
             Span::styled(format!("{:>18}", number(axis.work_mm)), palette.good()),
             Span::raw(format!("{:>18}", number(Some(axis.machine_mm)))),
             Span::raw(format!("{:>18}", number(axis.distance_to_go_mm))),
