@@ -3,12 +3,13 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, bail};
+use anyhow::Context;
+use bus::sample::PATH_AXES;
 use machine::machine_file;
 use toml_edit::{ArrayOfTables, DocumentMut, value};
 
-/// Letters in the order in which axes get them.
-const LETTERS: &str = "XYZUVWABC";
+/// Letters in the order in which axes get them; those behind are moved by hand alone.
+const LETTERS: [&str; PATH_AXES] = ["X", "Y", "Z", "U", "V", "W", "A", "B"];
 /// The program that those run that have two axes or more.
 const CIRCLES: &str = "programs/circle-r25-f3000.ngc";
 /// The same time of machine with one axis.
@@ -33,18 +34,19 @@ impl BenchMachine {
     }
 }
 
+/// Names of so many axes.
+fn names(axes: usize) -> impl Iterator<Item = String> {
+    let others = (1..).map(|number| format!("P{number}"));
+    let letters = LETTERS.map(String::from);
+    letters.into_iter().chain(others).take(axes)
+}
+
 /// Makes a machine of so many axes in a folder: its axes are those of `source`, from the first on, again and again, each copy with a
-/// letter of its own.
+/// name of its own.
 ///
 /// # Errors
-/// A file that cannot be read or written, or more axes than there are letters for.
+/// A file that cannot be read or written.
 pub(crate) fn of_axes(source: &Path, axes: usize, folder: &Path) -> anyhow::Result<BenchMachine> {
-    if axes > LETTERS.len() {
-        bail!(
-            "{axes} axes: a machine file has letters for {} slides",
-            LETTERS.len()
-        );
-    }
     let source = machine_file(source);
     let to = folder.join(format!("axes-{axes}"));
     fs::create_dir_all(to.join("programs"))?;
@@ -78,9 +80,9 @@ fn with_axes(text: &str, axes: usize) -> anyhow::Result<String> {
     let own = file.get("axis").and_then(|item| item.as_array_of_tables());
     let own: Vec<_> = own.context("no [[axis]]")?.iter().cloned().collect();
     let mut all = ArrayOfTables::new();
-    for (letter, axis) in LETTERS.chars().zip(own.iter().cycle()).take(axes) {
+    for (name, axis) in names(axes).zip(own.iter().cycle()) {
         let mut axis = axis.clone();
-        axis.insert("name", value(letter.to_string()));
+        axis.insert("name", value(name));
         // Tables keep their places in the file they come from: copies go behind.
         axis.set_position(None);
         let tables = axis.iter_mut().filter_map(|(_, item)| item.as_table_mut());
@@ -100,21 +102,27 @@ fn forget_place(table: &mut toml_edit::Table) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use bus::signal_page::MACHINE_STATE_BYTES;
     use machine::Machine;
+    use master::saved::SavedState;
     use plant_sim::plant_file::PlantFile;
 
     #[test]
-    fn copies_of_axes_make_a_machine_with_letters_of_their_own() {
+    fn copies_of_axes_make_a_machine_with_names_of_their_own() {
         let folder = tempfile::tempdir().expect("a folder");
         let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("../machines/xy");
-        for axes in [1, 2, 3, 8] {
+        for axes in [1, 2, 3, 8, 9, 32] {
             let made = of_axes(&source, axes, folder.path()).expect("a machine");
             let made = Machine::load(&made.folder).expect("a machine file");
-            let letters: String = made.axes.iter().map(|axis| axis.name.as_str()).collect();
-            assert_eq!(letters, LETTERS[..axes]);
+            let named: Vec<&str> = made.axes.iter().map(|axis| axis.name.as_str()).collect();
+            assert!(names(axes).eq(named.iter().copied()), "{named:?}");
+            assert_eq!(made.program_axes().len(), axes.min(8));
             let plant = folder.path().join(format!("axes-{axes}/plant.toml"));
             let plant = PlantFile::load(&plant).expect("a plant file");
-            assert!(plant.drives(&made).is_ok());
+            let drives = plant.drives(&made).expect("drives");
+            // A master that dies leaves all of its state.
+            let state = SavedState::of(&drives).bytes_mut().len();
+            assert!(state <= MACHINE_STATE_BYTES, "{axes} axes: {state} bytes");
         }
         let own = Machine::load(&source).expect("xy");
         let copied = Machine::load(&folder.path().join("axes-8")).expect("of eight axes");
@@ -122,6 +130,7 @@ mod tests {
             own.axes[1].position_loop.gain_per_s,
             copied.axes[3].position_loop.gain_per_s
         );
-        assert!(of_axes(&source, 10, folder.path()).is_err());
+        let made = of_axes(&source, 33, folder.path()).expect("files");
+        assert!(Machine::load(&made.folder).is_err());
     }
 }
