@@ -398,7 +398,7 @@ fn a_machine_of_three_axes_is_measured_beside_its_own_floor_and_who_watches_it()
     let stderr = String::from_utf8_lossy(&done.stderr);
     assert!(done.status.success(), "{stderr}");
     let printed = String::from_utf8_lossy(&done.stdout);
-    for words in ["axes: 3, processes: 6", "4.12 a scan", "who watches"] {
+    for words in ["axes: 3, processes: 6", "hand-overs  ", "who watches"] {
         assert!(printed.contains(words), "{words}: {printed}");
     }
     let (_, part) = printed.split_once("who watches").expect("a part");
