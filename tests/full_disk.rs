@@ -198,7 +198,7 @@ fn a_limit_of_file_sizes_is_said_and_kills_nobody() {
     let turns = "G3 X25 Y0 I-25 J0 F3000\n".repeat(40);
     let moves = format!("G21 G17 G90 G94\nG0 X25 Y0\n{turns}M2\n");
     std::fs::write(&program, moves).expect("a file");
-    let output = with_file_size(40_000, &program, &out, &cell);
+    let output = with_file_size(50_000, &program, &out, &cell);
     let said = words(&output);
     assert!(!said.contains("killed by signal"), "{said}");
     assert!(said.contains("File too large"), "{said}");
