@@ -22,11 +22,11 @@ pub fn open_regular(path: &Path, options: &mut OpenOptions, flags: OFlags) -> io
     Ok(file)
 }
 
-/// Opens a file to be locked, which is made if there is none, for its owner alone: whoever may open it can keep it locked.
+/// Opens a file to write or to lock, which is made if there is none, for its owner alone: a user who may open it may keep it locked.
 ///
 /// # Errors
 /// As [`open_regular`]; or it is a link.
-pub fn open_lock(path: &Path) -> io::Result<File> {
+pub fn open_own(path: &Path) -> io::Result<File> {
     let mut options = File::options();
     options.create(true).truncate(false).write(true).mode(0o600);
     let file = open_regular(path, &mut options, OFlags::NOFOLLOW)?;
@@ -47,16 +47,16 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_lock_is_its_owners_alone_and_nothing_but_a_file_is_one() {
+    fn a_file_of_ones_own_is_its_owners_alone_and_nothing_but_a_file_is_one() {
         let folder = std::env::temp_dir().join(format!("quadrant-files-{}", std::process::id()));
         fs::create_dir(&folder).expect("a folder");
         let mode = |name: &str| fs::metadata(folder.join(name)).map(|found| found.mode() & 0o777);
-        let lock = |name: &str| open_lock(&folder.join(name));
-        lock("new").expect("it is made");
+        let own = |name: &str| open_own(&folder.join(name));
+        own("new").expect("it is made");
         assert_eq!(mode("new").expect("it is there"), 0o600);
         fs::write(folder.join("old"), "").expect("a file");
         fs::set_permissions(folder.join("old"), Permissions::from_mode(0o644)).expect("its mode");
-        lock("old").expect("it is closed to others");
+        own("old").expect("it is closed to others");
         assert_eq!(mode("old").expect("it is there"), 0o600);
         mknodat(
             CWD,
@@ -68,7 +68,7 @@ mod tests {
         .expect("a pipe");
         std::os::unix::fs::symlink("new", folder.join("link")).expect("a link");
         for name in ["pipe", "link", "."] {
-            assert!(lock(name).is_err(), "{name}");
+            assert!(own(name).is_err(), "{name}");
         }
         let read = open_regular(
             &folder.join("pipe"),

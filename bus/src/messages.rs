@@ -5,14 +5,15 @@
 //! the path has come to; so each reader shows a text once, whoever was killed meanwhile. A text that was overwritten, or not written
 //! whole, is counted.
 
-use std::fs::{File, OpenOptions};
+use std::fs::File;
 use std::io;
-use std::os::unix::fs::{FileExt, OpenOptionsExt};
+use std::os::unix::fs::FileExt;
 use std::path::{Path, PathBuf};
 
 use bytemuck::{Pod, Zeroable};
 use xxhash_rust::xxh3::xxh3_64;
 
+use crate::files::open_own;
 use crate::sample::{Cause, Feedback, Mode, ProgramState};
 
 /// Texts that the file holds.
@@ -157,7 +158,7 @@ impl MessageWriter {
     pub fn write(&mut self, load: u32, run: u32, messages: &[ProgramMessage]) -> io::Result<()> {
         let file = match &mut self.file {
             Some(file) => file,
-            none => none.insert(open(&self.path)?),
+            none => none.insert(open_own(&self.path)?),
         };
         for message in messages {
             let slot = Slot::of(load, run, message);
@@ -165,12 +166,6 @@ impl MessageWriter {
         }
         Ok(())
     }
-}
-
-fn open(path: &Path) -> io::Result<File> {
-    let mut options = OpenOptions::new();
-    options.create(true).write(true).truncate(false).mode(0o600);
-    options.custom_flags(libc::O_NOFOLLOW).open(path)
 }
 
 /// Texts that the path has come to since a reader looked last.
@@ -214,9 +209,9 @@ impl MessageReader {
         }
     }
 
-    /// Takes the trouble of this scan as told.
+    /// Takes trouble up to this scan as told.
     pub fn skip_trouble(&mut self, scan: u64) {
-        self.trouble_scan = scan;
+        self.trouble_scan = self.trouble_scan.max(scan);
     }
 
     /// Whether this feedback is of another run than the one before.
@@ -240,7 +235,7 @@ impl MessageReader {
     /// was said.
     pub fn hear(&mut self, feedback: &Feedback) -> Heard {
         let mut heard = self.hear_program(feedback);
-        if feedback.cause == Cause::Planner as u32 && feedback.cause_scan != self.trouble_scan {
+        if feedback.cause == Cause::Planner as u32 && feedback.cause_scan > self.trouble_scan {
             self.trouble_scan = feedback.cause_scan;
             heard.messages.extend(why(&self.path, feedback));
         }

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use bus::cell::CellPaths;
-use bus::files::open_lock;
+use bus::files::open_own;
 use bus::kept_parameters::{KeptFile, kept_file, name_kept_file, text_of_run};
 use bus::sample::Auxiliaries;
 
@@ -325,7 +325,7 @@ fn update(
     let leads_to = fs::canonicalize(file).unwrap_or_else(|_| file.to_path_buf());
     let name = leads_to.file_name().unwrap_or_default().to_string_lossy();
     let lock = leads_to.with_file_name(format!(".{name}.lock"));
-    let lock = open_lock(&lock).map_err(|error| of_file(&lock, &error))?;
+    let lock = open_own(&lock).map_err(|error| of_file(&lock, &error))?;
     let asked = Instant::now();
     while let Err(error) = lock.try_lock() {
         match error {

@@ -58,16 +58,15 @@ impl SaidFile {
             .unwrap_or_default()
             .split(|b| *b == b'\n');
         let mut reader = MessageReader::new(cell.messages());
-        let mut lines = lines
-            .rev()
-            .filter_map(|line| serde_json::from_slice(line).ok());
-        let is_said = |line: &Line| {
-            if line.number == TROUBLE {
-                reader.skip_trouble(line.scan);
+        let lines = lines.rev();
+        let mut before = 0;
+        for line in lines.filter_map(|line| serde_json::from_slice::<Line>(line).ok()) {
+            if line.number != TROUBLE {
+                before = line.number;
+                break;
             }
-            line.number != TROUBLE
-        };
-        let before = lines.find(is_said).map_or(0, |last| last.number);
+            reader.skip_trouble(line.scan);
+        }
         Ok(SaidFile {
             reader,
             file,
@@ -123,7 +122,7 @@ fn lines_of(scan: u64, heard: &Heard, last: u32) -> Vec<Line> {
 #[cfg(test)]
 mod tests {
     use bus::messages::{MessageWriter, ProgramMessage};
-    use bus::sample::ProgramState;
+    use bus::sample::{Cause, ProgramState};
     use bytemuck::Zeroable;
 
     use super::*;
@@ -147,6 +146,10 @@ mod tests {
         feedback.program = ProgramState::Running as u32;
         feedback.run = 1;
         feedback.messages = 3;
+        // The planner cannot go on, which the recorder sees a scan late.
+        (feedback.scan, feedback.cause, feedback.cause_scan) = (8, Cause::Planner as u32, 7);
+        let trouble = [ProgramMessage::trouble("it is jammed")];
+        let told = MessageWriter::new(cell.messages()).write(0, 1, &trouble);
         let mut first = SaidFile::open(folder.path(), &cell).expect("a file");
         first.take(&feedback);
         drop(first);
@@ -159,6 +162,7 @@ mod tests {
             assert_eq!(fs::read(&path).expect("the file"), whole, "{length}");
         }
         let _ = fs::remove_dir_all(cell.folder());
-        written.expect("room");
+        written.and(told).expect("room");
+        assert_eq!(whole.split(|byte| *byte == b'\n').count(), 5, "four lines");
     }
 }
