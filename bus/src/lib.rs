@@ -21,7 +21,6 @@ pub mod drive_page;
 mod error;
 pub mod files;
 pub mod kept_parameters;
-pub mod lateness;
 pub mod layout;
 pub mod limits;
 mod mapped_page;

@@ -38,7 +38,7 @@ impl Priority {
 /// How a process runs in realtime.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Settings {
-    /// SCHED_FIFO priority, 0 for none; without one that of its role.
+    /// SCHED_FIFO priority, 0 for none; the role's where the machine file has none.
     pub priority: Option<u32>,
     /// Keeps its memory in memory.
     pub lock_memory: bool,
@@ -259,8 +259,8 @@ pub fn stay_on_all(cores: &[usize]) {
     let _ = sched_setaffinity(None, &set);
 }
 
-/// Those of these processors that a thread cannot be kept on here. Isolated ones are not among those that it may use unasked: only
-/// trying tells.
+/// Processors of these that a thread cannot be kept on here: only trying tells, since it may be kept on isolated ones too, which it
+/// does not use unasked.
 pub fn missing(wanted: &[usize]) -> Vec<usize> {
     let wanted = wanted.to_vec();
     let tried = std::thread::spawn(move || {

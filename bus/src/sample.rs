@@ -96,7 +96,7 @@ impl PathTag {
 #[type_name("quadrant/Setpoint/1")]
 #[repr(C)]
 pub struct Setpoint {
-    /// Position of every axis of the path, in increments; second motors of gantries go by that of their axis.
+    /// Position of every axis of the path, in increments; second motors of gantries go by the position of their axis.
     pub position: [i64; PATH_AXES],
     /// Where on the path this is.
     pub tag: PathTag,

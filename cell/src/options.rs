@@ -50,7 +50,7 @@ pub struct SlotOptions {
     /// Processors to stay on
     #[arg(long, value_delimiter = ',')]
     pub processors: Vec<usize>,
-    /// In realtime: SCHED_FIFO priority, 0 for none; without one that of its role
+    /// In realtime: SCHED_FIFO priority, 0 for none [default: the role's]
     #[arg(long)]
     pub priority: Option<u32>,
     /// In realtime: keep its memory in memory

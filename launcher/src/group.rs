@@ -178,35 +178,28 @@ pub fn roles(machine: &Machine, plan: &Plan) -> Vec<Role> {
 /// Tells a process how it runs in realtime, where that is not the usual way.
 fn add_realtime(role: &mut Role, processes: &Processes) {
     let (settings, processors) = processes.of(role.process.job);
-    let usual = realtime::Settings::DEFAULT;
     if let Some(priority) = settings.priority {
         role.add(&["--priority", &priority.to_string()]);
     }
     if !processors.is_empty() {
         role.add(&["--processors", &realtime::list(&processors)]);
     }
-    for (name, of) in [
-        (
-            "--touch-stack-kb",
-            [settings.touch_stack_kb, usual.touch_stack_kb],
-        ),
-        (
-            "--touch-heap-kb",
-            [settings.touch_heap_kb, usual.touch_heap_kb],
-        ),
-        (
-            "--timer-slack-ns",
-            [settings.timer_slack_ns, usual.timer_slack_ns],
-        ),
-        ("--busy-max-ms", [settings.busy_max_ms, usual.busy_max_ms]),
-    ] {
-        let [value, usual] = of;
-        if value != usual {
-            role.add(&[name, &value.to_string()]);
-        }
-    }
-    if settings.lock_memory != usual.lock_memory {
-        role.add(&["--lock-memory", &settings.lock_memory.to_string()]);
+    let options = |of: &realtime::Settings| {
+        [
+            ("--lock-memory", of.lock_memory.to_string()),
+            ("--touch-stack-kb", of.touch_stack_kb.to_string()),
+            ("--touch-heap-kb", of.touch_heap_kb.to_string()),
+            ("--timer-slack-ns", of.timer_slack_ns.to_string()),
+            ("--busy-max-ms", of.busy_max_ms.to_string()),
+        ]
+    };
+    let usual = options(&realtime::Settings::DEFAULT);
+    for (option, _) in options(&settings)
+        .iter()
+        .zip(&usual)
+        .filter(|(set, usual)| set != usual)
+    {
+        role.add(&[option.0, &option.1]);
     }
 }
 
@@ -273,8 +266,8 @@ pub struct Group {
     cell: Ownership,
 }
 
-/// The processors of a lockstep cell: that of the master and the planner, which works while the master waits; that of the servos, which
-/// hand over to each other there; and that of the recorder, the master's where there are two. On a busy PC nobody waits awake for long,
+/// The processors of a lockstep cell: one for master and planner, which works while the master waits; one for the servos, which hand
+/// over to each other there; and one for the recorder, the master's where there are two. On a busy PC nobody waits awake for long,
 /// and to wake a process on another processor costs more than on the same: there all but the recorder share one. Cells spread over the
 /// processors by the launcher's process id.
 fn lockstep_cores(pace: Pace) -> Option<[usize; 3]> {

@@ -37,7 +37,7 @@ impl Machine {
         self.axes.get(..count).unwrap_or(&self.axes)
     }
 
-    /// The place of an axis in setpoints: of the second motor of a gantry that of its axis; none of one that no program moves.
+    /// The place of an axis in setpoints, which the second motor of a gantry shares with its axis; none of an axis that no program moves.
     pub fn path_axis(&self, axis: usize) -> Option<usize> {
         let of = self.gantry_of(axis).map_or(axis, |pair| pair.leader);
         (of < self.program_axes().len()).then_some(of)

@@ -166,7 +166,7 @@ impl<D: Drives> Master<D> {
         feedback
     }
 
-    /// The same, written where that of the scan before was: what is not in use stays 0.
+    /// The same, written over the feedback of the scan before: what is not in use stays 0.
     pub(crate) fn tell(&mut self) -> &Feedback {
         let told = self.told.take();
         let mut told = told.unwrap_or_else(|| Box::new(Feedback::zeroed()));

@@ -60,7 +60,7 @@ impl Runs<'_> {
     /// Runs a program in lockstep under the eyes of `watch`, which waits for its end and hands on an interruption; what was seen.
     ///
     /// # Errors
-    /// As [`Runs::report`], and those of `watch`.
+    /// As [`Runs::report`], and errors of `watch`.
     pub fn watched<T>(
         &self,
         machine: &Path,

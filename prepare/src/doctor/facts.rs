@@ -5,7 +5,7 @@ use std::path::Path;
 
 use rustix::process::{Resource, getrlimit};
 
-use bus::lateness::Lateness;
+use super::lateness::Lateness;
 use bus::realtime::Refused;
 
 /// Everything that is judged.

@@ -394,7 +394,7 @@ mod tests {
     use super::*;
     use crate::doctor::facts::SharedMemory;
     use crate::doctor::finding::Grade;
-    use bus::lateness::Lateness;
+    use crate::doctor::lateness::Lateness;
     use bus::realtime::Refused;
 
     /// A PC on which there is nothing to find.

@@ -1,10 +1,11 @@
 //! Measures how late scans begin on this PC, as the master of a machine would begin them.
 
-use bus::lateness::{Lateness, measure};
 use bus::realtime::Settings;
 use bus::sample::Job;
 use console::signals::Signals;
 use machine::Machine;
+
+use super::lateness::{Lateness, measure};
 
 /// Scan period where no machine is named.
 const PERIOD_US: u32 = 1000;

@@ -8,6 +8,7 @@ mod finding;
 mod judge;
 mod judge_network;
 mod judge_processors;
+mod lateness;
 mod measured;
 mod network;
 mod show;

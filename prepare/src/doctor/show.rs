@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use super::finding::{Finding, Grade};
-use bus::lateness::Lateness;
+use super::lateness::Lateness;
 use console::output;
 
 const COLUMNS: usize = 80;

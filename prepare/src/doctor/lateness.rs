@@ -3,7 +3,7 @@
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Duration;
 
-use crate::realtime::{self, Priority, Settings, now_ns, sleep_until_ns};
+use bus::realtime::{self, Priority, Settings, now_ns, sleep_until_ns};
 
 /// Lateness is counted in steps of 1 µs; what is later than all of them counts as the last.
 const STEPS: usize = 20_000;
