@@ -32,7 +32,7 @@ pub struct MotionLimits {
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum LimitsError {
     /// No axis or too many.
-    #[error("{0} axes: a machine has 1 to {PATH_AXES}")]
+    #[error("{0} axes: a path moves 1 to {PATH_AXES}")]
     AxisCount(usize),
     /// The scan period is not a positive number.
     #[error("scan period of {0} s: must be above 0")]
