@@ -88,17 +88,22 @@ impl Page {
 
     /// Gives an order with the token; its answer is read later.
     fn send_order(&self, order: &str) -> Asked {
-        let token = format!("Authorization: Bearer {}", self.token);
-        let lines = ["Content-Type: application/json", &token];
+        let lines = ["Content-Type: application/json", &self.bearer()];
         self.send("POST /order", &lines, order)
     }
 
     fn frames(&self) -> Frames {
-        let mut stream = TcpStream::connect(&self.address).expect("a connection");
-        stream.set_read_timeout(Some(PATIENCE)).expect("a limit");
-        let request = format!("GET /frames HTTP/1.1\r\nHost: {}\r\n\r\n", self.address);
-        stream.write_all(request.as_bytes()).expect("a request");
+        self.frames_with(&[])
+    }
+
+    fn frames_with(&self, more: &[&str]) -> Frames {
+        let Asked(stream) = self.send("GET /frames", more, "");
         Frames(BufReader::new(stream).lines())
+    }
+
+    /// The line of a head that has the token.
+    fn bearer(&self) -> String {
+        format!("Authorization: Bearer {}", self.token)
     }
 }
 
@@ -499,6 +504,77 @@ fn an_urgent_order_comes_through_however_many_connections_are_silent_and_orders_
     down(cell);
 }
 
+/// Twelve without the token look and do not leave, and others connect again and again, as fast as they can.
+#[test]
+fn whoever_has_the_token_looks_and_orders_however_many_others_look_and_connect() {
+    const HOSTILE: usize = 1000;
+    let (_bench, cell, _, _) = up("realtime");
+    obeyed(&cell, &["enable"]);
+    let by_hand = ByHand::start(&cell, &[]);
+    let page = &by_hand.page;
+    let mut looking: Vec<Frames> = (0..12).map(|_| page.frames()).collect();
+    for frames in &mut looking {
+        frames.next().expect("a frame");
+    }
+    for more in [&[][..], &["Authorization: Bearer 0123456789abcdef"]] {
+        let (head, words) = page.ask("GET /frames", more, "");
+        assert!(head.starts_with("HTTP/1.1 503"), "{head}");
+        assert!(words.contains("with the token"), "{words}");
+    }
+    let ends = std::sync::atomic::AtomicBool::new(false);
+    let ends = &ends;
+    std::thread::scope(|scope| {
+        let (full, is_full) = std::sync::mpsc::channel();
+        scope.spawn(move || {
+            let mut open = std::collections::VecDeque::new();
+            while !ends.load(std::sync::atomic::Ordering::Relaxed) {
+                open.extend(silent_connections(&page.address, 1));
+                if open.len() == HOSTILE {
+                    let _ = full.send(());
+                    open.pop_front();
+                }
+            }
+        });
+        is_full.recv().expect("that many");
+        let with_token = page.bearer();
+        let mut frames = page.frames_with(&[&with_token]);
+        let first = frames.next().is_some();
+        let since = Instant::now();
+        let (status, words) = page.order(r#"{"order":"estop"}"#);
+        println!(
+            "estop under {HOSTILE} that connect anew: {:?}",
+            since.elapsed()
+        );
+        ends.store(true, std::sync::atomic::Ordering::Relaxed);
+        assert!(first, "who has the token sees nothing");
+        assert_eq!(status, 200, "{words}");
+    });
+    drop(by_hand);
+    down(cell);
+}
+
+/// On a PC of several users, each of whom reaches what is served to this PC.
+#[test]
+fn looking_needs_the_token_too_where_that_is_asked_for() {
+    let bench = Bench::patient("xy", &[]);
+    let program = bench.file("circle.ngc", &long_program());
+    let more = ["--web=0", "--token-to-look"];
+    let mut cell = LiveCell::start_with(bench.path(), &program, "realtime", &more);
+    let of_run = Page::of(&mut cell);
+    let by_hand = ByHand::start(&cell, &["--token-to-look"]);
+    for page in [&of_run, &by_hand.page] {
+        for path in ["/frames", "/machine", "/path", "/trail", "/runs"] {
+            assert!(page.get(path).0.starts_with("HTTP/1.1 401"), "{path}");
+        }
+        let frame = page.frames_with(&[&page.bearer()]).next();
+        assert!(frame.is_some(), "with the token one looks");
+    }
+    let (status, words) = of_run.order(r#"{"order":"stop"}"#);
+    assert_eq!(status, 200, "{words}");
+    drop(by_hand);
+    assert_eq!(cell.finish().status(), 1);
+}
+
 #[test]
 fn the_token_of_a_file_is_printed_nowhere_and_one_that_others_can_read_is_refused() {
     let (_bench, cell, _, _) = up("realtime");
@@ -549,8 +625,7 @@ fn at_an_address_that_others_reach_even_looking_needs_the_token() {
     for path in ["/frames", "/machine", "/path", "/trail", "/runs"] {
         assert!(page.get(path).0.starts_with("HTTP/1.1 401"), "{path}");
     }
-    let token = format!("Authorization: Bearer {}", page.token);
-    let (head, _) = page.ask("GET /machine", &[&token], "");
+    let (head, _) = page.ask("GET /machine", &[&page.bearer()], "");
     assert!(head.starts_with("HTTP/1.1 200"), "{head}");
     send(child.id() as i32, libc::SIGTERM);
     let ended = child.wait_with_output().expect("its end");

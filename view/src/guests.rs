@@ -1,10 +1,11 @@
-//! Connections, so many at a time: where another one comes the oldest goes.
+//! Connections, so many at a time: where another one comes the oldest goes of the address that has the most.
 //!
 //! One that is silent, sends a byte a second or takes nothing keeps no other waiting, however many there are. One that has shown what
-//! it may stays: what it takes then bounds those.
+//! it may stays: what it takes then bounds those. However many come from one address, those of another keep their places.
 
+use std::cmp::Reverse;
 use std::collections::BTreeMap;
-use std::net::TcpListener;
+use std::net::{IpAddr, TcpListener};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -39,11 +40,11 @@ where
     let accept = async move {
         let guests = Guests::at_most(most);
         loop {
-            let Ok((stream, _)) = listener.accept().await else {
+            let Ok((stream, from)) = listener.accept().await else {
                 tokio::time::sleep(PAUSE).await;
                 continue;
             };
-            guests.serve(|guest| connection(stream, guest));
+            guests.serve(from.ip(), |guest| connection(stream, guest));
             // What it has sent already is read before the next one comes.
             tokio::task::yield_now().await;
         }
@@ -59,7 +60,7 @@ struct Guests {
     most: usize,
     came: Arc<AtomicU64>,
     /// By the order in which they came.
-    waiting: Arc<Mutex<BTreeMap<u64, AbortHandle>>>,
+    waiting: Arc<Mutex<BTreeMap<u64, (IpAddr, AbortHandle)>>>,
 }
 
 /// One of them.
@@ -79,8 +80,8 @@ impl Guests {
         }
     }
 
-    /// Serves a connection that has come, in a task of its own.
-    fn serve<F>(&self, connection: impl FnOnce(Guest) -> F)
+    /// Serves a connection that has come from an address, in a task of its own.
+    fn serve<F>(&self, from: IpAddr, connection: impl FnOnce(Guest) -> F)
     where
         F: Future<Output = ()> + Send + 'static,
     {
@@ -96,22 +97,54 @@ impl Guests {
             served.await;
             guest.stays();
         });
-        if waiting.len() >= self.most
-            && let Some((_, oldest)) = waiting.pop_first()
+        waiting.insert(number, (from, task.abort_handle()));
+        if waiting.len() > self.most
+            && let Some((_, oldest)) = goes(&waiting).and_then(|goes| waiting.remove(&goes))
         {
             oldest.abort();
         }
-        waiting.insert(number, task.abort_handle());
     }
 
-    fn waiting(&self) -> MutexGuard<'_, BTreeMap<u64, AbortHandle>> {
+    fn waiting(&self) -> MutexGuard<'_, BTreeMap<u64, (IpAddr, AbortHandle)>> {
         self.waiting.lock().unwrap_or_else(PoisonError::into_inner)
     }
+}
+
+/// The oldest of the address that has the most; of several, of the one whose oldest has been there longest.
+fn goes<T>(waiting: &BTreeMap<u64, (IpAddr, T)>) -> Option<u64> {
+    let mut of_address = BTreeMap::new();
+    for (number, (from, _)) in waiting {
+        of_address.entry(from).or_insert((*number, 0)).1 += 1;
+    }
+    let most = of_address.into_values();
+    let most = most.max_by_key(|(oldest, count)| (*count, Reverse(*oldest)));
+    most.map(|(oldest, _)| oldest)
 }
 
 impl Guest {
     /// It stays, whoever comes.
     pub fn stays(&self) {
         self.guests.waiting().remove(&self.number);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn who_has_many_makes_room_and_not_whoever_came_first() {
+        let one = IpAddr::from([10, 0, 0, 1]);
+        let many = IpAddr::from([10, 0, 0, 2]);
+        let of = |from: &[IpAddr]| {
+            let each = from.iter().zip(1..);
+            goes(&each.map(|(from, number)| (number, (*from, ()))).collect())
+        };
+        assert_eq!(of(&[]), None);
+        assert_eq!(of(&[one]), Some(1));
+        assert_eq!(of(&[one, many, many]), Some(2));
+        assert_eq!(of(&[one, many, many, one, many]), Some(2));
+        assert_eq!(of(&[one, many]), Some(1));
+        assert_eq!(of(&[many, one, one]), Some(2));
     }
 }

@@ -35,6 +35,9 @@ pub struct ShowOptions {
     /// With --web: file with the token that orders from the page need; made if it is not there [default: a new token, printed]
     #[arg(long, value_name = "FILE", requires = "web")]
     pub token: Option<PathBuf>,
+    /// With --web: looking at the page needs the token too, as on a PC that others use
+    #[arg(long, requires = "web")]
+    pub token_to_look: bool,
 }
 
 /// What `quadrant metrics` takes.
@@ -142,6 +145,9 @@ pub struct WebOptions {
     /// File with the token that orders need; made if it is not there [default: a new token, printed]
     #[arg(long, value_name = "FILE")]
     pub token: Option<PathBuf>,
+    /// Looking needs the token too, as on a PC that others use
+    #[arg(long)]
+    pub token_to_look: bool,
     /// Serve at the listening socket that standard input is
     #[arg(long, hide = true)]
     pub inherited: bool,

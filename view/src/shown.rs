@@ -32,7 +32,8 @@ impl ShowOptions {
         let metrics = self.metrics.map(metrics::place::observer).transpose();
         let mut all = Vec::from_iter(metrics.environment()?);
         if let Some(address) = self.web {
-            all.push(Place::open(address, self.token.as_deref())?.observer());
+            let place = Place::open(address, self.token.as_deref(), self.token_to_look)?;
+            all.push(place.observer());
         }
         if self.view {
             all.push(Observer {

@@ -23,7 +23,6 @@ use console::signals::Signals;
 use console::{logs, output};
 use tokio::sync::watch;
 
-use crate::listening::is_loopback;
 use crate::live::feed::Feed;
 use crate::live::source::Source;
 use crate::live::trail::Trail;
@@ -55,9 +54,10 @@ pub fn web(options: &WebOptions) -> Outcome {
     let signals = Signals::catch().environment()?;
     let feed = Feed::attach(options.cell.as_deref())?;
     let place = if options.inherited {
-        Place::inherited().input()?
+        Place::inherited(options.token_to_look).input()?
     } else {
-        let place = Place::open(options.address, options.token.as_deref())?;
+        let token = options.token.as_deref();
+        let place = Place::open(options.address, token, options.token_to_look)?;
         output::say(&place.words());
         place
     };
@@ -65,8 +65,8 @@ pub fn web(options: &WebOptions) -> Outcome {
     let _ = rustix::process::nice(NICE);
     let Place {
         listener,
-        address,
         token,
+        shown_to_all,
         ..
     } = place;
     let (frames, newest) = watch::channel(Bytes::new());
@@ -75,7 +75,7 @@ pub fn web(options: &WebOptions) -> Outcome {
         frames: newest,
         pictures: Arc::clone(&pictures),
         token,
-        shown_to_all: is_loopback(address.ip()),
+        shown_to_all,
         cell: CellPaths::new(&feed.model.cell).input()?.name().into(),
     };
     server::start(listener, served).environment()?;

@@ -33,6 +33,8 @@ pub struct Place {
     pub address: SocketAddr,
     /// The token.
     pub token: Token,
+    /// Looking needs none.
+    pub shown_to_all: bool,
     token_file: Option<String>,
 }
 
@@ -41,7 +43,11 @@ impl Place {
     ///
     /// # Errors
     /// The address is taken or not one of this PC's; the token's file is not usable.
-    pub fn open(address: SocketAddr, token_file: Option<&Path>) -> Result<Place, Failure> {
+    pub fn open(
+        address: SocketAddr,
+        token_file: Option<&Path>,
+        token_to_look: bool,
+    ) -> Result<Place, Failure> {
         let token = match token_file {
             Some(file) => Token::of_file(file).input()?,
             None => Token::random().environment()?,
@@ -52,7 +58,8 @@ impl Place {
         });
         let listener = listener.environment()?;
         let address = listener.local_addr().environment()?;
-        if !is_loopback(address.ip()) {
+        let this_pc_alone = is_loopback(address.ip());
+        if !this_pc_alone {
             tracing::warn!(
                 "--web={address} CAN BE REACHED FROM OTHER MACHINES, without encryption: whoever reads along on the network reads the \
                  token, and may give orders with it. For this PC alone: --web={DEFAULT_ADDRESS}, and ssh -L from elsewhere"
@@ -62,6 +69,7 @@ impl Place {
             listener,
             address,
             token,
+            shown_to_all: this_pc_alone && !token_to_look,
             token_file: token_file.map(|file| file.display().to_string()),
         })
     }
@@ -70,11 +78,13 @@ impl Place {
     ///
     /// # Errors
     /// Neither is there.
-    pub fn inherited() -> anyhow::Result<Place> {
+    pub fn inherited(token_to_look: bool) -> anyhow::Result<Place> {
         let listener = listening::inherited()?;
+        let address = listener.local_addr()?;
         Ok(Place {
-            address: listener.local_addr()?,
             listener,
+            address,
+            shown_to_all: is_loopback(address.ip()) && !token_to_look,
             token: Token::of_environment()?,
             token_file: None,
         })
@@ -85,7 +95,10 @@ impl Place {
         Observer {
             name: "the page in the browser",
             subcommand: "web",
-            arguments: &["--inherited"],
+            arguments: match self.shown_to_all {
+                true => &["--inherited"],
+                false => &["--inherited", "--token-to-look"],
+            },
             variables: vec![(TOKEN_VARIABLE, self.token.text().into())],
             greeting: Some(self.words()),
             place: observers::Place::Socket(self.listener),
@@ -99,7 +112,7 @@ impl Place {
             Some(file) => format!("{page}#token=TOKEN, the token being in {file}"),
             None => format!("{page}#token={}", self.token.text()),
         };
-        let look = match is_loopback(self.address.ip()) {
+        let look = match self.shown_to_all {
             true => format!("Page to look at the machine: {page}\n"),
             false => String::new(),
         };

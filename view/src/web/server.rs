@@ -3,8 +3,9 @@
 //!
 //! Everything has a bound: connections, browsers that look, the head and body of a request, the time for them. A frame that a browser has
 //! not taken when the next one is there is not kept for it. One that takes nothing at all is disconnected by the system after
-//! [`STALLED_MS`]. Of connections that neither look nor order the oldest goes where another one comes ([`guests`]), so that an order
-//! is read at once however many are silent, and urgent orders need no turn.
+//! [`STALLED_MS`]. Of connections that neither look nor order the oldest of the address that has the most goes where another one comes
+//! ([`guests`]), so that an order is read at once however many are silent, and urgent orders need no turn. Whoever has the token has
+//! turns of its own: nobody without it keeps it from looking.
 
 use std::convert::Infallible;
 use std::net::TcpListener;
@@ -40,7 +41,7 @@ use crate::guests::{self, Guest};
 
 /// The most connections at a time that neither look nor order.
 const GUESTS_MAX: usize = 64;
-/// The most browsers that look at a time.
+/// The most browsers that look at a time with the token, and as many without it.
 const LOOKING_MAX: usize = 12;
 /// The most orders under way at a time; urgent ones need no turn.
 const ORDERS_MAX: usize = 4;
@@ -85,7 +86,7 @@ pub struct Served {
     pub pictures: Arc<Mutex<Pictures>>,
     /// What orders need.
     pub token: Token,
-    /// Only this PC can ask: whoever does may look.
+    /// Whoever asks may look.
     pub shown_to_all: bool,
     /// Name of the cell.
     pub cell: String,
@@ -94,10 +95,26 @@ pub struct Served {
 #[derive(Clone)]
 struct Desk {
     served: Served,
-    looking: Arc<Semaphore>,
+    with_token: Turns,
+    without: Turns,
     ordering: Arc<Semaphore>,
     urgent: Arc<Semaphore>,
+}
+
+/// Turns of those who look.
+#[derive(Clone)]
+struct Turns {
+    looking: Arc<Semaphore>,
     listing: Arc<Semaphore>,
+}
+
+impl Turns {
+    fn new() -> Turns {
+        Turns {
+            looking: Arc::new(Semaphore::new(LOOKING_MAX)),
+            listing: Arc::new(Semaphore::new(1)),
+        }
+    }
 }
 
 /// Serves at `listener` in a thread of its own, as long as the process lives.
@@ -132,10 +149,10 @@ pub fn start(listener: TcpListener, served: Served) -> std::io::Result<()> {
 fn router(served: Served) -> Router {
     let desk = Desk {
         served,
-        looking: Arc::new(Semaphore::new(LOOKING_MAX)),
+        with_token: Turns::new(),
+        without: Turns::new(),
         ordering: Arc::new(Semaphore::new(ORDERS_MAX)),
         urgent: Arc::new(Semaphore::new(URGENT_MAX)),
-        listing: Arc::new(Semaphore::new(1)),
     };
     let shown = Router::new()
         .route("/frames", get(frames))
@@ -187,24 +204,28 @@ fn refused((status, words): guard::Refusal) -> Response {
     response
 }
 
-/// Where other machines reach the page, looking needs the token too.
-async fn who_looks(State(desk): State<Desk>, request: Request, next: Next) -> Response {
-    if !desk.served.shown_to_all
-        && let Err(refusal) = guard::token(request.headers(), &desk.served.token)
-    {
-        return refused(refusal);
-    }
+/// Whose turns are whose; where the page is not for all, looking needs the token too.
+async fn who_looks(State(desk): State<Desk>, mut request: Request, next: Next) -> Response {
+    let turns = match guard::token(request.headers(), &desk.served.token) {
+        Ok(()) => desk.with_token,
+        Err(_) if desk.served.shown_to_all => desk.without,
+        Err(refusal) => return refused(refusal),
+    };
+    request.extensions_mut().insert(turns);
     next.run(request).await
 }
 
 /// One browser that looks: its frames, until it leaves.
-async fn frames(State(desk): State<Desk>, Extension(guest): Extension<Guest>) -> Response {
-    let Ok(seat) = Arc::clone(&desk.looking).try_acquire_owned() else {
-        return (
-            StatusCode::SERVICE_UNAVAILABLE,
-            format!("{LOOKING_MAX} browsers look at this page already: close one\n"),
-        )
-            .into_response();
+async fn frames(
+    State(desk): State<Desk>,
+    Extension(turns): Extension<Turns>,
+    Extension(guest): Extension<Guest>,
+) -> Response {
+    let Ok(seat) = turns.looking.try_acquire_owned() else {
+        let words = format!(
+            "{LOOKING_MAX} browsers look at this page already: close one, or look with the token, for which as many have room\n"
+        );
+        return (StatusCode::SERVICE_UNAVAILABLE, words).into_response();
     };
     guest.stays();
     let frames = WatchStream::from_changes(desk.served.frames);
@@ -233,8 +254,8 @@ async fn trail(State(desk): State<Desk>) -> impl IntoResponse {
 }
 
 /// The runs of the cell, read from the disk one browser at a time.
-async fn runs(State(desk): State<Desk>) -> Response {
-    let turn = desk.listing.acquire_owned().await;
+async fn runs(State(desk): State<Desk>, Extension(turns): Extension<Turns>) -> Response {
+    let turn = turns.listing.acquire_owned().await;
     let cell = desk.served.cell.clone();
     let read = move || (report::runs::newest(&cell, RUNS_MAX), turn);
     match tokio::task::spawn_blocking(read).await {
