@@ -707,6 +707,30 @@ fn a_page_that_was_killed_is_there_again_with_the_same_address_and_token() {
     assert_eq!(cell.finish().status(), 1);
 }
 
+/// By the rule of all processes; who is given up is named, and nobody waits at its socket for an answer.
+#[test]
+fn a_page_that_dies_too_often_is_given_up_with_words_and_its_socket_is_closed() {
+    let once = ("[scan]\n", "[restart]\nrestarts_max = 1\n\n[scan]\n");
+    let bench = Bench::patient("xy", &[once]);
+    let program = bench.file("circle.ngc", &long_program());
+    let mut cell = LiveCell::start_with(bench.path(), &program, "realtime", &["--web=0"]);
+    let page = Page::of(&mut cell);
+    for _ in 0..2 {
+        page.frames().next().expect("a frame");
+        send(cell.pid_of(" web "), libc::SIGKILL);
+    }
+    let since = Instant::now();
+    while TcpStream::connect(&page.address).is_ok() {
+        assert!(since.elapsed() < PATIENCE, "the socket is still open");
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    obeyed(&cell, &["stop"]);
+    let run = cell.finish();
+    let words = "the page in the browser was restarted 1 times within 60 s: not again";
+    assert!(run.stderr().contains(words), "{}", run.stderr());
+    assert_eq!(run.status(), 1);
+}
+
 /// Who dies shows with its death, and who replaces it with its start.
 #[test]
 fn a_killed_servo_shows_in_a_frame_with_its_death() {

@@ -1,5 +1,6 @@
 //! Processes that show a cell, each one of its own, so that a machine that moves never waits for a screen, a browser or a scrape.
-//! The desk names them; the launcher starts them once the cell runs, starts a server that has died again, and ends them with the cell.
+//! The desk names them; the launcher starts them once the cell runs, starts a server that has died again by the rule of all processes
+//! ([`Restarts`]), and ends them with the cell.
 
 use std::net::TcpListener;
 use std::os::fd::OwnedFd;
@@ -10,15 +11,14 @@ use std::time::{Duration, Instant};
 use anyhow::Context;
 use console::child;
 use console::output::{self, say};
+use machine::Restart;
 use rustix::process::{Pid, Signal, kill_process};
+
+use crate::supervisor::{Restarts, say_given_up};
 
 /// Time an observer has to leave before it is killed.
 const CLOSE_LIMIT: Duration = Duration::from_secs(1);
 const CLOSE_LOOK: Duration = Duration::from_millis(10);
-/// Time between the death of a server and its next start.
-const RESTART_AFTER: Duration = Duration::from_secs(1);
-/// Most starts of a server after its deaths.
-const RESTARTS_MAX: u32 = 20;
 
 /// A process that shows a cell, and that the cell does without.
 #[derive(Debug)]
@@ -80,6 +80,8 @@ impl Observer {
 #[derive(Debug)]
 pub struct Observers {
     cell: String,
+    policy: Restart,
+    begun: Instant,
     all: Vec<Running>,
 }
 
@@ -87,19 +89,20 @@ pub struct Observers {
 struct Running {
     of: Observer,
     child: Option<Child>,
-    died: Instant,
-    restarts: u32,
+    restarts: Restarts,
 }
 
 impl Observers {
-    /// Starts them for a cell that runs, and says where they are.
+    /// Starts them for a cell that runs, whose processes are restarted so, and says where they are.
     ///
     /// # Errors
     /// One of them cannot be started.
-    pub fn start(all: Vec<Observer>, cell: &str) -> anyhow::Result<Observers> {
+    pub fn start(all: Vec<Observer>, cell: &str, policy: Restart) -> anyhow::Result<Observers> {
         let silent = all.iter().any(Observer::is_in_terminal);
         let mut observers = Observers {
             cell: cell.into(),
+            policy,
+            begun: Instant::now(),
             all: Vec::new(),
         };
         for of in all {
@@ -113,20 +116,21 @@ impl Observers {
             observers.all.push(Running {
                 of,
                 child,
-                died: Instant::now(),
-                restarts: 0,
+                restarts: Restarts::default(),
             });
         }
         Ok(observers)
     }
 
-    /// Reaps whichever has ended, and starts a server again after a moment; whether somebody has just closed the one in the terminal.
+    /// Reaps whichever has ended, and starts a server again; whether somebody has just closed the one in the terminal. The socket of one
+    /// that is given up is closed: nobody waits there for an answer.
     pub fn look(&mut self) -> bool {
         let in_terminal = |one: &Running| one.of.is_in_terminal() && one.child.is_some();
         let silent = self.all.iter().any(in_terminal);
-        for one in &mut self.all {
-            one.look(&self.cell, silent);
-        }
+        let now = self.begun.elapsed();
+        let (cell, policy) = (&self.cell, &self.policy);
+        self.all
+            .retain_mut(|one| one.look(cell, silent, policy, now));
         silent && !self.all.iter().any(in_terminal)
     }
 
@@ -137,34 +141,36 @@ impl Observers {
 }
 
 impl Running {
-    fn look(&mut self, cell: &str, silent: bool) {
+    /// Whether it is there, or will be.
+    fn look(&mut self, cell: &str, silent: bool, policy: &Restart, now: Duration) -> bool {
         let name = self.of.name;
         if let Some(child) = &mut self.child {
             let Ok(Some(status)) = child.try_wait() else {
-                return;
+                return true;
             };
             self.child = None;
-            self.died = Instant::now();
-            match self.of.place {
-                Place::Terminal => output::release(),
-                Place::Socket(_) => {
-                    tracing::warn!("{name} {}; the machine goes on", ended(status));
-                }
+            if self.of.is_in_terminal() {
+                output::release();
+                return false;
             }
-        } else if !self.of.is_in_terminal()
-            && self.restarts < RESTARTS_MAX
-            && self.died.elapsed() >= RESTART_AFTER
-        {
-            self.restarts += 1;
-            self.died = Instant::now();
+            tracing::warn!("{name} {}; the machine goes on", ended(status));
+            if !self.restarts.plan(policy, now) {
+                say_given_up(name, policy);
+                return false;
+            }
+        } else if self.restarts.take_due(now) {
             match self.of.start(cell, silent) {
                 Ok(child) => {
                     self.child = Some(child);
                     tracing::info!("{name} is there again");
                 }
-                Err(error) => tracing::warn!("{name} cannot be started: {error:#}"),
+                Err(error) => {
+                    tracing::warn!("{name} cannot be started: {error:#}");
+                    self.restarts.put_off(now);
+                }
             }
         }
+        true
     }
 }
 

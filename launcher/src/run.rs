@@ -114,7 +114,8 @@ pub fn run(
         machine: &checked.machine,
         faults,
         session: None,
-        observers: Observers::start(observers, place.name()).environment()?,
+        observers: Observers::start(observers, place.name(), checked.machine.restart)
+            .environment()?,
     };
     let ending = supervise(&mut group, subject, watch, &signals, &mut events);
     drop(group);

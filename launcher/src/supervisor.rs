@@ -1,4 +1,5 @@
-//! What follows the loss of a process: restarts by the machine file's `[restart]`, bounded as in Erlang's supervisors.
+//! What follows the loss of a process: restarts by the machine file's `[restart]`, bounded as in Erlang's supervisors. The rule is one
+//! for all ([`Restarts`]): who controls the machine and who shows it.
 
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
@@ -32,11 +33,52 @@ pub fn goes_on_after_stop(answered: u64, newest: &Feedback) -> bool {
 
 /// The restarts of one place; instants are times since the cell was started.
 #[derive(Debug, Default)]
-struct Place {
+pub struct Restarts {
     /// When it was restarted, of late.
     restarts: VecDeque<Duration>,
     back_off: Duration,
     due: Option<Duration>,
+}
+
+impl Restarts {
+    /// Plans the restart of a process that has ended; false where it was restarted too often of late.
+    pub fn plan(&mut self, policy: &Restart, now: Duration) -> bool {
+        let within = Duration::from_secs_f64(policy.within_s);
+        let since = |at: &Duration| now.saturating_sub(*at);
+        while self.restarts.front().is_some_and(|at| since(at) > within) {
+            self.restarts.pop_front();
+        }
+        if self.restarts.len() as u64 >= u64::from(policy.restarts_max) {
+            return false;
+        }
+        let lived = self.restarts.back().map(since);
+        self.back_off = match lived {
+            Some(lived) if lived < STEADY => (self.back_off * 2).clamp(BACK_OFF, BACK_OFF_MAX),
+            _ => Duration::ZERO,
+        };
+        self.due = Some(now + self.back_off);
+        true
+    }
+
+    /// Whether the process is to be started now; it counts as started.
+    pub fn take_due(&mut self, now: Duration) -> bool {
+        let is_due = self.due.take_if(|due| *due <= now).is_some();
+        if is_due {
+            self.restarts.push_back(now);
+        }
+        is_due
+    }
+
+    /// It could not be started: once more, later.
+    pub fn put_off(&mut self, now: Duration) {
+        self.due = Some(now + BACK_OFF_MAX);
+    }
+}
+
+/// Says that a process is not started again.
+pub fn say_given_up(name: &str, policy: &Restart) {
+    let (max, within_s) = (policy.restarts_max, policy.within_s);
+    tracing::error!("{name} was restarted {max} times within {within_s} s: not again");
 }
 
 /// Decides who is restarted and when. Pure: time is an argument, so that a simulation decides as the launcher does.
@@ -44,7 +86,7 @@ struct Place {
 pub struct RestartRules {
     policy: Restart,
     standby: Vec<bool>,
-    places: Vec<Place>,
+    places: Vec<Restarts>,
 }
 
 impl RestartRules {
@@ -87,44 +129,28 @@ impl RestartRules {
             return without;
         }
         let policy = self.policy;
-        let place = self.place(index);
-        let within = Duration::from_secs_f64(policy.within_s);
-        let since = |at: &Duration| now.saturating_sub(*at);
-        while place.restarts.front().is_some_and(|at| since(at) > within) {
-            place.restarts.pop_front();
+        match self.place(index).plan(&policy, now) {
+            true => Verdict::Restarts,
+            false => without,
         }
-        if place.restarts.len() as u64 >= u64::from(policy.restarts_max) {
-            return without;
-        }
-        let lived = place.restarts.back().map(since);
-        place.back_off = match lived {
-            Some(lived) if lived < STEADY => (place.back_off * 2).clamp(BACK_OFF, BACK_OFF_MAX),
-            _ => Duration::ZERO,
-        };
-        place.due = Some(now + place.back_off);
-        Verdict::Restarts
     }
 
-    fn place(&mut self, index: usize) -> &mut Place {
+    fn place(&mut self, index: usize) -> &mut Restarts {
         while self.places.len() <= index {
-            self.places.push(Place::default());
+            self.places.push(Restarts::default());
         }
         &mut self.places[index]
     }
 
     /// The next place whose process is to be started now; it counts as started.
     pub fn take_due(&mut self, now: Duration) -> Option<usize> {
-        let is_due = |place: &Place| place.due.is_some_and(|due| due <= now);
-        let index = self.places.iter().position(is_due)?;
-        let place = &mut self.places[index];
-        place.due = None;
-        place.restarts.push_back(now);
-        Some(index)
+        let mut places = self.places.iter_mut();
+        places.position(|place| place.take_due(now))
     }
 
     /// It could not be started: once more, later.
     pub fn put_off(&mut self, index: usize, now: Duration) {
-        self.place(index).due = Some(now + BACK_OFF_MAX);
+        self.place(index).put_off(now);
     }
 
     /// Forgets that the process of this place was given up.
@@ -180,13 +206,7 @@ impl Supervisor {
         let rules = &mut self.rules;
         let verdict = rules.judge(death.place, role.process, gave_up, covered, now);
         if verdict != Verdict::Restarts && !gave_up && self.replaces(role.process) {
-            let policy = &self.rules.policy;
-            tracing::error!(
-                "{} was restarted {} times within {} s: not again",
-                death.name,
-                policy.restarts_max,
-                policy.within_s
-            );
+            say_given_up(&death.name, &self.rules.policy);
         }
         verdict
     }

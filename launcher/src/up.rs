@@ -78,7 +78,7 @@ pub fn up(UpOptions { start: options }: &UpOptions, desk: Option<Desk<'_>>) -> O
             retention,
             records && desk.is_some(),
         )),
-        observers: Observers::start(observers, cell_name).environment()?,
+        observers: Observers::start(observers, cell_name, checked.machine.restart).environment()?,
     };
     let ending = supervise(&mut group, subject, watch, &signals, &mut events);
     drop(group);
