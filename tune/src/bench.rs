@@ -1,6 +1,7 @@
 //! Runs test motions: real processes, lockstep, in a cell and a folder of their own that vanish with them.
 
-use std::fs;
+use std::fs::{self, Permissions};
+use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, anyhow};
@@ -13,6 +14,16 @@ use super::recording::{self, Recording};
 use console::child;
 use console::exit::{Failure, Kind};
 use console::signals::Signals;
+
+/// A temporary folder. Nobody else reads what is measured in it, nor what is tried.
+fn folder() -> std::io::Result<TempDir> {
+    let mut builder = tempfile::Builder::new();
+    let private = Permissions::from_mode(0o700);
+    builder
+        .prefix("quadrant-tune-")
+        .permissions(private)
+        .tempdir()
+}
 
 /// Where test motions run.
 pub struct Bench {
@@ -31,7 +42,7 @@ impl Bench {
     /// # Errors
     /// The files cannot be copied.
     pub fn new(machine: &Path, signals: Signals) -> Result<Bench, Failure> {
-        let folder = tempfile::Builder::new().prefix("quadrant-tune-").tempdir();
+        let folder = folder();
         let folder = folder.context("a temporary folder").environment()?;
         let known = Machine::load(machine).input()?;
         let files = dead_time::drive_files(&known).into_iter();
@@ -134,5 +145,17 @@ impl Bench {
             Some(2) => Failure::Input(error),
             _ => Failure::Environment(error),
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nobody_else_looks_into_the_folder() {
+        let folder = folder().expect("a folder");
+        let mode = folder.path().metadata().expect("it is there").permissions();
+        assert_eq!(mode.mode() & 0o777, 0o700);
     }
 }
