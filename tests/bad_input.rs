@@ -361,3 +361,22 @@ fn no_name_of_a_program_is_obeyed_by_the_terminal() {
         }
     }
 }
+
+/// What is too small for the command line was used up without a word: status 134.
+#[test]
+fn a_stack_that_is_too_small_is_refused_with_what_is_needed() {
+    for kib in [64, 128, 1024] {
+        let line = format!(
+            "ulimit -s {kib}; exec {} --version",
+            env!("CARGO_BIN_EXE_quadrant")
+        );
+        let output = std::process::Command::new("sh")
+            .args(["-c", &line])
+            .output()
+            .expect("a shell");
+        let stderr = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(3), "{kib}: {stderr}");
+        let words = format!("{kib} KiB of stack are granted (`ulimit -s`");
+        assert!(stderr.contains(&words), "{stderr}");
+    }
+}

@@ -15,6 +15,25 @@ const FILES_PER_SERVICE: u64 = 10;
 /// Address space of a process beside the segments: measured 30 MB in the recorder.
 const PROCESS_BYTES: u64 = 64 << 20;
 
+/// Stack of the main thread that every command does with: 1 MiB that `touch_stack_kb` may ask for, and 1 MiB for what it does (measured:
+/// reading the command line alone needs 128 to 256 KiB).
+const STACK_BYTES: u64 = 2 << 20;
+
+/// Checks that the stack is large enough for any command: one that is not is noticed by nobody before it is used up.
+///
+/// # Errors
+/// What is granted and needed, in words.
+pub fn check_stack() -> Result<(), String> {
+    match getrlimit(Resource::Stack).current {
+        Some(granted) if granted < STACK_BYTES => Err(format!(
+            "{} KiB of stack are granted (`ulimit -s`, LimitSTACK= of a service): {} KiB are needed",
+            granted >> 10,
+            STACK_BYTES >> 10
+        )),
+        _ => Ok(()),
+    }
+}
+
 /// Checks that a process of a cell with these services is granted what it needs; open files are raised as far as they may be.
 ///
 /// # Errors

@@ -81,8 +81,18 @@ fn words_and_hint(error: &anyhow::Error) -> String {
     hint.map_or(words.clone(), |hint| format!("{words}: {hint}"))
 }
 
-/// Reads the command of a program, carries it out where the filter of log lines is one, and gives the status.
+/// Reads the command of a program, carries it out where the filter of log lines is one, and gives the status. Where the stack is too
+/// small for that, it is refused.
 pub fn main<C>(read: impl FnOnce() -> C, obey: impl FnOnce(C) -> Outcome) -> ExitCode {
+    if let Err(words) = bus::limits::check_stack() {
+        return code(Err(Failure::environment(words)));
+    }
+    read_and_obey(read, obey)
+}
+
+/// Kept apart: what it needs of the stack is taken when it is called.
+#[inline(never)]
+fn read_and_obey<C>(read: impl FnOnce() -> C, obey: impl FnOnce(C) -> Outcome) -> ExitCode {
     signals::survive_file_size_limit();
     let command = read();
     code(logs::check_filter().input().and_then(|()| obey(command)))
