@@ -362,6 +362,45 @@ fn no_name_of_a_program_is_obeyed_by_the_terminal() {
     }
 }
 
+/// Nobody reads a number of 309 digits.
+#[test]
+fn no_number_is_shown_with_hundreds_of_digits() {
+    let program = root().join("machines/xy/programs/circle-r25-f3000.ngc");
+    let edits = ["rapid_mm_s = 1e308", "rapid_mm_s = -1e308"];
+    let machines = edits.map(|by| Bench::of("xy", &[("rapid_mm_s = 250.0", by)]));
+    let mut all: Vec<Refused> = machines
+        .iter()
+        .map(|bench| refused(bench.path(), &program))
+        .collect();
+    let bench = Bench::of("xy", &[]);
+    for line in [
+        "G1 X[10**300] F100",
+        "G1 X[-1*10**300] F100",
+        "G4 P[10**300]",
+        "G64 P[10**300]",
+        "G10 L2 P1 X[10**300]\nG1 X1 F100",
+        "#[10**300] = 1",
+        "G[10**300]",
+        "M[10**300]",
+        "O[10**300] CALL",
+    ] {
+        let program = bench.file("bad.ngc", &format!("G21 G90\n{line}\nM2\n"));
+        let refused = refused(bench.path(), &program);
+        all.push(refused);
+    }
+    fs::write(
+        bench.path().join("offsets.toml"),
+        "[G54]\nX = 1e308\nY = 1e-308\n",
+    )
+    .expect("offsets");
+    all.push(refused(bench.path(), &program));
+    for Refused { status, stderr } in all {
+        assert_eq!(status, 2, "{stderr}");
+        let mut digits = stderr.split(|c: char| !c.is_ascii_digit());
+        assert!(digits.all(|run| run.len() <= 40), "{stderr}");
+    }
+}
+
 /// What is too small for the command line was used up without a word: status 134.
 #[test]
 fn a_stack_that_is_too_small_is_refused_with_what_is_needed() {

@@ -27,6 +27,7 @@ mod mapped_page;
 pub mod member;
 pub mod messages;
 mod name;
+pub mod numbers;
 pub mod observer;
 mod ownership;
 mod paths;

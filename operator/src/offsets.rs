@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::anyhow;
+use bus::numbers::short_numbers;
 use bus::sample::{Feedback, Mode, Reference};
 use machine::offsets_file::{G92_APPLIES, WORK_OFFSETS, first_parameter, parameter_of};
 use machine::{Axis, KeptParameters, Machine, TURN_DEG, update_offsets};
@@ -148,6 +149,7 @@ fn judge(machine: &Machine, parameter: u32, first: u32, value: f64) -> Result<()
     if (low..=high).contains(&value) {
         return Ok(());
     }
+    let value = short_numbers(value.to_string());
     Err(Failure::Input(anyhow!(
         "{what} = {value}: must be from {low} to {high}: an offset lies out of the travel of its axis by the length of that travel at most"
     )))

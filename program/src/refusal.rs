@@ -1,5 +1,7 @@
 //! Why a program is refused: a place in a line, what was found there, and what would be right.
 
+use bus::numbers::short_numbers;
+
 /// One reason to refuse a line.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Refusal {
@@ -17,8 +19,8 @@ impl Refusal {
     pub fn new(offset: usize, found: impl Into<String>, right: impl Into<String>) -> Self {
         Self {
             offset,
-            found: found.into(),
-            right: right.into(),
+            found: short_numbers(found.into()),
+            right: short_numbers(right.into()),
             state_stays_known: false,
         }
     }

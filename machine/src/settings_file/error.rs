@@ -1,5 +1,7 @@
 //! Why a settings file cannot be used.
 
+use bus::numbers::short_numbers;
+
 /// A settings file that cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum SettingsFileError {
@@ -12,6 +14,6 @@ pub enum SettingsFileError {
         what: String,
     },
     /// It breaks rules: one line each, with file, line, value, unit and rule.
-    #[error("{}", .0.join("\n"))]
+    #[error("{}", short_numbers(.0.join("\n")))]
     Broken(Vec<String>),
 }
