@@ -302,6 +302,52 @@ fn cell_and_desk_keep_their_budgets_of_lines() {
     assert!(desk <= 36_000, "the desk has {desk} lines of code");
 }
 
+fn opens_itself(line: &str) -> bool {
+    let is_name = |c: char| c.is_alphanumeric() || c == '_';
+    line.match_indices("File::open(")
+        .any(|(at, _)| !line[..at].ends_with(is_name))
+}
+
+/// Others may have put a pipe, a device or a link in the place of a file: `bus::files` opens none of these and waits for nobody. Beside it
+/// new files are made, which nobody had before.
+#[test]
+fn files_that_are_there_already_are_opened_in_one_place() {
+    const LINES_OF_AN_OPEN: usize = 8;
+    let apart = [
+        ("esi/src/text.rs", "has no part of the cell; looks before"),
+        (
+            "machine/src/whole_file.rs",
+            "a folder, to be written to the disk",
+        ),
+        (
+            "view/src/scope.rs",
+            "a table goes where one wants it, also into a pipe",
+        ),
+        ("view/src/web/token.rs", "/dev/urandom"),
+    ];
+    let mut by_themselves = BTreeSet::new();
+    for krate in CELL.iter().chain(&DESK) {
+        for (file, code) in Product::of(&folder(krate)).files() {
+            let opens = code.iter().enumerate().any(|(at, line)| {
+                let has_options =
+                    line.contains("OpenOptions::new()") || line.contains("File::options()");
+                let statement = code.iter().skip(at).take(LINES_OF_AN_OPEN);
+                let mut good = statement.map(|line| {
+                    let good = ["create_new(true)", "open_regular(", "open_unlinked("];
+                    good.iter().any(|good| line.contains(good))
+                });
+                opens_itself(line) || has_options && !good.any(|good| good)
+            });
+            if opens {
+                let name = file.strip_prefix(root()).expect("below the root");
+                by_themselves.insert(name.display().to_string());
+            }
+        }
+    }
+    let apart: BTreeSet<String> = apart.map(|(file, _)| file.to_owned()).into();
+    assert_eq!(by_themselves, apart, "what opens files by itself");
+}
+
 /// A reader of one module need not know those that use it.
 #[test]
 fn no_modules_of_a_crate_use_each_other_in_a_circle() {

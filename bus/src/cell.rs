@@ -6,17 +6,18 @@
 //! the holder dies, however it dies. Locks are files, which anybody of this user can remove: the launcher also holds the
 //! cell's name as a socket's address, which nobody can take from it.
 
-use std::fs::{self, DirBuilder, File, OpenOptions};
+use std::fs::{self, DirBuilder, File};
 use std::io::{self, Write};
-use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt};
+use std::os::unix::fs::{DirBuilderExt, MetadataExt};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use iceoryx2::config::Config;
 use iceoryx2::prelude::{FileName, Path as IoxPath, SemanticString};
-use rustix::fs::{FlockOperation, OFlags, flock};
+use rustix::fs::{FlockOperation, flock};
 
 pub use crate::error::{CELL_NAME_LENGTH_MAX, CellError};
+use crate::files::{open_own, open_to_read, open_unlinked};
 use crate::name::{Holder, Name, Taken};
 use crate::ownership::GONE;
 pub use crate::ownership::Ownership;
@@ -239,14 +240,7 @@ impl CellPaths {
             .create(self.folder())
             .map_err(|e| self.error("making its folder in /dev/shm", e))?;
         self.must_be_ours()?;
-        let opened = OpenOptions::new()
-            .read(true)
-            .write(true)
-            .create(true)
-            .truncate(false)
-            .mode(0o600)
-            .open(self.folder().join(name));
-        match opened {
+        match open_own(&self.folder().join(name)) {
             Ok(file) => Ok(Some(file)),
             Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
             Err(error) => Err(self.error(&format!("opening {name}"), error)),
@@ -282,9 +276,7 @@ impl CellPaths {
     /// # Errors
     /// [`CellError::System`] if the cell does not exist.
     pub fn join(&self) -> Result<Membership, CellError> {
-        let file = OpenOptions::new()
-            .read(true)
-            .open(self.folder().join(MEMBERS_LOCK))
+        let file = open_to_read(&self.folder().join(MEMBERS_LOCK))
             .map_err(|e| self.error("joining (does it run?)", e))?;
         flock(&file, FlockOperation::LockShared)
             .map_err(|e| self.error("locking members.lock", e.into()))?;
@@ -303,10 +295,7 @@ impl CellPaths {
                 continue;
             }
             // Through the open file, and never through a link: its name may be another thing's by now.
-            let file = OpenOptions::new()
-                .read(true)
-                .custom_flags((OFlags::NOFOLLOW | OFlags::NONBLOCK).bits() as i32)
-                .open(&path)
+            let file = open_unlinked(&path, File::options().read(true))
                 .map_err(|e| self.error(&format!("closing {} to others", path.display()), e))?;
             let closed = file.metadata().and_then(|found| match foreign(&found) {
                 Some(found) => Ok(Some(found)),

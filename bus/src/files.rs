@@ -1,4 +1,5 @@
-//! Opens files that others may have put something else in the place of: without waiting, and only what is a file.
+//! Opens files that others may have put something else in the place of: without waiting, and only what is a file. All of the product opens
+//! files here, or makes new ones (a test of the house holds it).
 
 use std::fs::{File, OpenOptions, Permissions};
 use std::io;
@@ -12,24 +13,46 @@ use rustix::process::geteuid;
 ///
 /// # Errors
 /// It cannot be opened, or it is something else.
-pub fn open_regular(path: &Path, options: &mut OpenOptions, flags: OFlags) -> io::Result<File> {
-    let flags = (flags | OFlags::NONBLOCK).bits() as i32;
-    let file = options.custom_flags(flags).open(path)?;
-    if !file.metadata()?.is_file() {
-        let what = "is no regular file: remove it";
-        return Err(io::Error::new(io::ErrorKind::InvalidInput, what));
+pub fn open_regular(path: &Path, options: &mut OpenOptions) -> io::Result<File> {
+    open(path, options, OFlags::NONBLOCK)
+}
+
+/// The same where nobody has reason to put a link.
+///
+/// # Errors
+/// As [`open_regular`]; or it is a link.
+pub fn open_unlinked(path: &Path, options: &mut OpenOptions) -> io::Result<File> {
+    open(path, options, OFlags::NONBLOCK | OFlags::NOFOLLOW)
+}
+
+fn open(path: &Path, options: &mut OpenOptions, flags: OFlags) -> io::Result<File> {
+    let file = options.custom_flags(flags.bits() as i32).open(path)?;
+    match file.metadata()?.is_file() {
+        true => Ok(file),
+        false => Err(io::Error::new(
+            io::ErrorKind::InvalidInput,
+            "is no regular file",
+        )),
     }
-    Ok(file)
+}
+
+/// Opens a regular file to read it.
+///
+/// # Errors
+/// As [`open_regular`].
+pub fn open_to_read(path: &Path) -> io::Result<File> {
+    open_regular(path, File::options().read(true))
 }
 
 /// Opens a file to write or to lock, which is made if there is none, for its owner alone: a user who may open it may keep it locked.
 ///
 /// # Errors
-/// As [`open_regular`]; or it is a link.
+/// As [`open_unlinked`].
 pub fn open_own(path: &Path) -> io::Result<File> {
     let mut options = File::options();
-    options.create(true).truncate(false).write(true).mode(0o600);
-    let file = open_regular(path, &mut options, OFlags::NOFOLLOW)?;
+    options.create(true).truncate(false).read(true).write(true);
+    options.mode(0o600);
+    let file = open_unlinked(path, &mut options)?;
     let found = file.metadata()?;
     let is_open_to_others = found.permissions().mode() & 0o077 != 0;
     if is_open_to_others && found.uid() == geteuid().as_raw() {
@@ -70,11 +93,7 @@ mod tests {
         for name in ["pipe", "link", "."] {
             assert!(own(name).is_err(), "{name}");
         }
-        let read = open_regular(
-            &folder.join("pipe"),
-            File::options().read(true),
-            OFlags::empty(),
-        );
+        let read = open_to_read(&folder.join("pipe"));
         assert!(read.is_err_and(|error| error.to_string().contains("no regular file")));
         let _ = fs::remove_dir_all(&folder);
     }

@@ -1,12 +1,13 @@
 //! The parameters that programs of a cell keep from one run to the next: which file of the user holds them, and what each run started with.
 
 use std::ffi::OsString;
-use std::fs::{self, OpenOptions};
+use std::fs::{self, File};
 use std::io::{self, ErrorKind, Write};
 use std::os::unix::ffi::OsStringExt;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
 
+use crate::files::open_unlinked;
 pub use crate::paths::KeptFile;
 use crate::paths::{CellPaths, if_there};
 
@@ -46,12 +47,9 @@ pub fn text_of_run<E: From<io::Error>>(
     let asked = ASKED.fetch_add(1, Ordering::Relaxed);
     let mut mine = of_run.to_path_buf().into_os_string();
     mine.push(format!(".{}.{asked}", std::process::id()));
-    let mut options = OpenOptions::new();
-    let mut file = options
-        .write(true)
-        .create(true)
-        .truncate(true)
-        .open(&mine)?;
+    let mut options = File::options();
+    options.write(true).create(true).truncate(true);
+    let mut file = open_unlinked(Path::new(&mine), &mut options)?;
     file.write_all(text.as_bytes())?;
     let linked = fs::hard_link(&mine, of_run);
     let _ = fs::remove_file(&mine);

@@ -1,7 +1,7 @@
 //! Files of a cell that its processes map: pages of atomic words.
 
 use std::fmt;
-use std::fs::OpenOptions;
+use std::fs::File;
 use std::ops::Deref;
 use std::os::fd::AsFd;
 use std::os::unix::fs::OpenOptionsExt;
@@ -11,6 +11,7 @@ use std::ptr::NonNull;
 use rustix::mm::{MapFlags, ProtFlags};
 
 use crate::cell::{CellError, CellPaths};
+use crate::files::open_unlinked;
 use crate::room;
 
 /// What a page is mapped as.
@@ -62,12 +63,13 @@ impl<L: Layout> MappedPage<L> {
             what: what.into(),
             source,
         };
-        let file = OpenOptions::new()
+        let mut options = File::options();
+        options
             .read(true)
             .write(true)
             .create_new(create)
-            .mode(0o600)
-            .open(path)
+            .mode(0o600);
+        let file = open_unlinked(path, &mut options)
             .map_err(|e| system("opening its page (does it run?)", e))?;
         let length = size_of::<L>();
         if create {

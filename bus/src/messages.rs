@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 use bytemuck::{Pod, Zeroable};
 use xxhash_rust::xxh3::xxh3_64;
 
-use crate::files::open_own;
+use crate::files::{open_own, open_to_read};
 use crate::sample::{Cause, Feedback, Mode, ProgramState};
 
 /// Texts that the file holds.
@@ -258,7 +258,7 @@ impl MessageReader {
             return heard;
         }
         self.is_over = done;
-        let Ok(file) = File::open(&self.path) else {
+        let Ok(file) = open_to_read(&self.path) else {
             heard.dropped = feedback.messages.saturating_sub(self.shown);
             self.shown = self.shown.max(feedback.messages);
             return heard;
@@ -288,7 +288,7 @@ pub fn why(path: &Path, feedback: &Feedback) -> Option<ProgramMessage> {
         Cause::Planner => TROUBLE,
         _ => return None,
     };
-    read(&File::open(path).ok()?, feedback.run, number)
+    read(&open_to_read(path).ok()?, feedback.run, number)
 }
 
 fn read(file: &File, run: u32, number: u32) -> Option<ProgramMessage> {

@@ -10,6 +10,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant, SystemTime};
 
 use bus::cell::CellPaths;
+use bus::files::open_to_read;
 use machine::{LogKeeping, Machine, replace_file};
 use monitor::log::LOG_FILE;
 use monitor::{BLACK_BOX_PREFIX, MARK_FILE};
@@ -356,7 +357,7 @@ fn is_dated(name: &str) -> bool {
 
 /// Whether a launcher holds the events of a run directory.
 pub fn is_open(folder: &Path) -> bool {
-    let Ok(file) = File::open(folder.join(EVENTS)) else {
+    let Ok(file) = open_to_read(&folder.join(EVENTS)) else {
         return false;
     };
     flock(&file, FlockOperation::NonBlockingLockShared).is_err()

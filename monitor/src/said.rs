@@ -1,10 +1,11 @@
 //! `messages.jsonl`: what the program of a run has said (MSG, DEBUG, PRINT, LOG), a line each, in the scan in which its path came to it.
 
-use std::fs::{self, File, OpenOptions};
+use std::fs::{self, File};
 use std::io::{self, Write};
 use std::path::Path;
 
 use bus::cell::CellPaths;
+use bus::files::open_regular;
 use bus::messages::{Heard, MessageReader, TROUBLE};
 use bus::sample::Feedback;
 use serde::{Deserialize, Serialize};
@@ -50,8 +51,9 @@ impl SaidFile {
         let written = fs::read(&path).unwrap_or_default();
         let whole = written.iter().rposition(|byte| *byte == b'\n');
         let whole = whole.map_or(0, |at| at + 1);
-        let mut options = OpenOptions::new();
-        let file = options.create(true).append(true).open(&path)?;
+        let mut options = File::options();
+        options.create(true).append(true);
+        let file = open_regular(&path, &mut options)?;
         file.set_len(whole as u64)?;
         let lines = written
             .get(..whole)

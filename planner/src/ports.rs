@@ -1,6 +1,6 @@
 //! What a planner sees of its cell, and the same over the bus.
 
-use std::fs::{self, OpenOptions};
+use std::fs::{self, File};
 use std::io;
 use std::os::unix::fs::FileExt;
 use std::path::Path;
@@ -8,6 +8,7 @@ use std::rc::Rc;
 use std::time::Duration;
 
 use bus::cell::{CellError, CellPaths};
+use bus::files::open_unlinked;
 use bus::member::{Member, Pace};
 use bus::messages::{MessageWriter, ProgramMessage};
 use bus::port::{Reader, WindowWriter, Writer};
@@ -193,8 +194,9 @@ impl BusPorts {
 
 /// Writes an answer at its place, over one that was not written whole.
 fn write_answer(file: &Path, answer: &KeptAnswer) -> io::Result<()> {
-    let mut open = OpenOptions::new();
-    let open = open.create(true).write(true).truncate(false).open(file)?;
+    let mut options = File::options();
+    options.create(true).write(true).truncate(false);
+    let open = open_unlinked(file, &mut options)?;
     let at = u64::from(answer.index) * KEPT_BYTES as u64;
     open.write_all_at(bytemuck::bytes_of(answer), at)
 }

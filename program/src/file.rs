@@ -5,6 +5,8 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::string::FromUtf8Error;
 
+use bus::files::open_to_read;
+
 use crate::error::{ProgramError, refuse_file};
 use crate::refusal::{Refusal, column};
 use crate::text::{Text, TextHash};
@@ -16,7 +18,6 @@ pub const FILE_BYTES_MAX: u64 = 64 << 20;
 pub fn open_file(file: &Path) -> Result<File, ProgramError> {
     let name = &file.display().to_string();
     let unreadable = |error: std::io::Error| unreadable(name, &error);
-    // Before it is opened: opening a pipe would wait for its writer.
     let metadata = std::fs::metadata(file).map_err(unreadable)?;
     if metadata.is_dir() {
         return refuse_file(name, "is a directory", "name the program file in it");
@@ -24,7 +25,7 @@ pub fn open_file(file: &Path) -> Result<File, ProgramError> {
     if !metadata.is_file() {
         return refuse_file(name, "is not a regular file", "name a program file");
     }
-    File::open(file).map_err(unreadable)
+    open_to_read(file).map_err(unreadable)
 }
 
 /// A file that the operating system does not let us read.

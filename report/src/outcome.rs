@@ -1,9 +1,9 @@
 //! How a run ended.
 
-use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 use std::path::Path;
 
+use bus::files::open_to_read;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
@@ -35,7 +35,7 @@ const TAIL_BYTES: u64 = 64 << 10;
 
 /// The end of the run, as the launcher noted it among the events.
 pub fn ended(run_dir: &Path) -> Option<Ended> {
-    let mut file = File::open(run_dir.join("events.jsonl")).ok()?;
+    let mut file = open_to_read(&run_dir.join("events.jsonl")).ok()?;
     let length = file.metadata().ok()?.len();
     let mut tail = Vec::new();
     file.seek(SeekFrom::Start(length.saturating_sub(TAIL_BYTES)))

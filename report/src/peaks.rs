@@ -1,10 +1,10 @@
 //! Where the contour error was largest: place, line of the program and the text of that line.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::fs::File;
 use std::io::{BufRead, BufReader};
 use std::path::Path;
 
+use bus::files::open_to_read;
 use serde::Serialize;
 
 use super::evaluation::{Evaluation, program_file};
@@ -86,7 +86,7 @@ fn texts_in(file: &Path, lines: &BTreeSet<u32>) -> std::io::Result<BTreeMap<u32,
     let Some(last) = lines.last() else {
         return Ok(texts);
     };
-    let mut reader = BufReader::new(File::open(file)?);
+    let mut reader = BufReader::new(open_to_read(file)?);
     let mut bytes = Vec::new();
     for line in 1..=*last {
         bytes.clear();

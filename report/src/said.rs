@@ -1,9 +1,9 @@
 //! What the program of a run has said, read from `messages.jsonl`.
 
-use std::fs::File;
 use std::io::{BufRead, BufReader};
 use std::path::Path;
 
+use bus::files::open_to_read;
 use monitor::said::{Line, MESSAGES_FILE};
 
 /// What a program has said, as far as a report lists it.
@@ -23,7 +23,7 @@ impl Said {
     /// Reads the file in a run directory, up to so many lines; nothing where there is none.
     pub fn read(folder: &Path, most: usize) -> Said {
         let mut said = Said::default();
-        let Ok(file) = File::open(folder.join(MESSAGES_FILE)) else {
+        let Ok(file) = open_to_read(&folder.join(MESSAGES_FILE)) else {
             return said;
         };
         for line in BufReader::new(file).lines().map_while(Result::ok) {

@@ -10,6 +10,7 @@ use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::ops::ControlFlow;
 use std::path::Path;
 
+use bus::files::open_to_read;
 use bus::sample::{Answer, AnswerOutcome, Cause, Feedback, PATH_AXES, Roster};
 use mcap::records::{Record, op};
 use monitor::log::records::{Records, parse_record};
@@ -122,7 +123,7 @@ pub fn skim(run_dir: &Path) -> Result<Prescan, LogError> {
             }
             prescan.take(&sample);
         };
-        if let Ok(file) = File::open(&path) {
+        if let Ok(file) = open_to_read(&path) {
             // What cannot be read ends it: reading from end to end will report it.
             let _ = skim_part(BufReader::with_capacity(1 << 12, file), &reader, &mut take);
         }

@@ -32,6 +32,11 @@ impl Product {
         Product { root, code: all }
     }
 
+    /// The lines of code of each source.
+    pub fn files(&self) -> &BTreeMap<PathBuf, Vec<String>> {
+        &self.code
+    }
+
     /// How many there are.
     pub fn lines(&self) -> usize {
         self.code.values().map(Vec::len).sum()

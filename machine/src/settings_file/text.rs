@@ -3,6 +3,8 @@
 use std::io::Read;
 use std::path::Path;
 
+use bus::files::open_to_read;
+
 use crate::settings_file::error::SettingsFileError;
 
 /// Longest settings file that is read, in bytes.
@@ -21,11 +23,10 @@ pub fn read_text(path: &Path) -> Result<String, SettingsFileError> {
 
 fn read(path: &Path) -> Result<String, String> {
     let cannot_be_read = |e: std::io::Error| format!("cannot be read: {e}");
-    // Looked at before it is opened: opening a pipe would wait for its writer.
     if !std::fs::metadata(path).map_err(cannot_be_read)?.is_file() {
         return Err("is not a file".into());
     }
-    let file = std::fs::File::open(path).map_err(cannot_be_read)?;
+    let file = open_to_read(path).map_err(cannot_be_read)?;
     let mut bytes = Vec::new();
     file.take(SETTINGS_FILE_BYTES_MAX + 1)
         .read_to_end(&mut bytes)

@@ -6,6 +6,7 @@ use std::io::{self, BufReader, Read};
 use std::ops::ControlFlow;
 use std::path::Path;
 
+use bus::files::open_to_read;
 use mcap::McapError;
 use mcap::records::{Record, op};
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
@@ -67,7 +68,7 @@ impl Records<BufReader<File>> {
     }
 
     fn with(path: &Path, options: LinearReaderOptions) -> Result<Self, LogError> {
-        let file = File::open(path).map_err(LogError::of_file(path))?;
+        let file = open_to_read(path).map_err(LogError::of_file(path))?;
         Ok(Records {
             mcap: LinearReader::new_with_options(options),
             file: BufReader::with_capacity(BUFFER_BYTES, file),

@@ -7,8 +7,7 @@ use std::os::unix::fs::{OpenOptionsExt, PermissionsExt};
 use std::path::Path;
 
 use anyhow::{Context, bail};
-use bus::files::open_regular;
-use rustix::fs::OFlags;
+use bus::files::open_to_read;
 
 /// Variable in which the launcher gives it to the page's process: nobody but the same user can read that of a process.
 pub const TOKEN_VARIABLE: &str = "QUADRANT_WEB_TOKEN";
@@ -64,8 +63,7 @@ impl Token {
             Err(error) => return Err(error).with_context(|| format!("--token {shown}")),
         }
         let mut text = String::new();
-        let old = open_regular(file, File::options().read(true), OFlags::empty());
-        let old = old.with_context(|| format!("--token {shown}"))?;
+        let old = open_to_read(file).with_context(|| format!("--token {shown}"))?;
         let mode = old.metadata()?.permissions().mode();
         if mode & 0o077 != 0 {
             bail!(
