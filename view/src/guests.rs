@@ -133,7 +133,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn who_has_many_makes_room_and_not_whoever_came_first() {
+    fn the_address_with_most_connections_makes_room() {
         let one = IpAddr::from([10, 0, 0, 1]);
         let many = IpAddr::from([10, 0, 0, 2]);
         let of = |from: &[IpAddr]| {

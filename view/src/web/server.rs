@@ -4,8 +4,8 @@
 //! Everything has a bound: connections, browsers that look, the head and body of a request, the time for them. A frame that a browser has
 //! not taken when the next one is there is not kept for it. One that takes nothing at all is disconnected by the system after
 //! [`STALLED_MS`]. Of connections that neither look nor order the oldest of the address that has the most goes where another one comes
-//! ([`guests`]), so that an order is read at once however many are silent, and urgent orders need no turn. Whoever has the token has
-//! turns of its own: nobody without it keeps it from looking.
+//! ([`guests`]), so that an order is read at once however many are silent, and urgent orders need no turn. A browser with the token has
+//! a turn of its own: those without it do not keep it from looking.
 
 use std::convert::Infallible;
 use std::net::TcpListener;
@@ -86,7 +86,7 @@ pub struct Served {
     pub pictures: Arc<Mutex<Pictures>>,
     /// What orders need.
     pub token: Token,
-    /// Whoever asks may look.
+    /// Looking needs no token.
     pub shown_to_all: bool,
     /// Name of the cell.
     pub cell: String,
