@@ -126,6 +126,27 @@ fn a_master_killed_after_its_last_feedback_is_not_missed() {
     );
 }
 
+/// A recorder that nobody continues is not waited for as one that has much to write.
+#[test]
+fn a_recorder_that_is_stopped_for_good_at_the_end_is_ended_and_the_run_is_done_without_its_last_scans()
+ {
+    let bench = Bench::patient("xy", &[REPLACED]);
+    let mut cell = held_cell(&bench, "realtime");
+    send(cell.pid_of("quadrant recorder"), libc::SIGSTOP);
+    go_on(&cell);
+    cell.wait_for(|f| f.last == 1);
+    let (status, _) = ends(&mut cell);
+    let run = cell.finish();
+    assert_eq!(status, 1, "{}", run.stderr());
+    let report = run.report();
+    assert_eq!(text(&report, "/outcome/kind"), "completed");
+    let ended = std::fs::read_to_string(run.out.join("ended.json")).expect("its end");
+    let ended: serde_json::Value = serde_json::from_str(&ended).expect("JSON");
+    let missing = report["missing_scans"].as_array().expect("missing scans");
+    let to = missing.last().map(|gap| &gap["last"]);
+    assert_eq!(to, Some(&ended["scan"]), "{}", run.stderr());
+}
+
 /// The master waits for a recorder whose queue is full, and does not see that it dies and another one comes: that one never gets
 /// what was published before.
 #[test]

@@ -26,6 +26,13 @@ pub fn watch(pid: u32) -> io::Result<OwnedFd> {
     Ok(pidfd_open(pid, PidfdFlags::empty())?)
 }
 
+/// Whether a signal has stopped a process: it does nothing until another one continues it (proc(5), third field of `stat`).
+pub fn is_stopped(pid: u32) -> bool {
+    let stat = fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
+    let behind_name = stat.rsplit_once(") ");
+    behind_name.is_some_and(|(_, state)| state.starts_with(['T', 't']))
+}
+
 /// Gives the process that a command starts its standard streams alone, and nothing else that is open here.
 pub fn keep_files_back(command: &mut Command) -> &mut Command {
     let close = || {

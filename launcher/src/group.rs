@@ -11,7 +11,7 @@ use anyhow::{Context, bail};
 use bus::cell::{CellPaths, Ownership};
 use bus::drive_page::DrivePage;
 use bus::member::Pace;
-use bus::process::watch;
+use bus::process::{is_stopped, watch};
 use bus::realtime;
 use bus::sample::Job;
 use bus::service::{Bus, Created, ROLES, Services};
@@ -47,6 +47,9 @@ pub const LEAVE_LIMIT_AFTER_MACHINE: Duration = Duration::from_secs(2);
 
 /// Longest time without progress of a recorder that has not taken the last scan: it has missed it, and waits for nothing.
 const RECORDER_IDLE_LIMIT: Duration = Duration::from_secs(1);
+
+/// Time after which a process that somebody has stopped for good is ended: until then it may be continued.
+const STOPPED_LIMIT: Duration = Duration::from_secs(5);
 
 /// The longest wait without looking who has left.
 const LEAVE_LOOK: Duration = Duration::from_millis(100);
@@ -607,11 +610,26 @@ impl Group {
                 self.page.set_phase(CellPhase::Ending);
                 self.end_late(&idle);
             }
+            if recorded.1.elapsed() > STOPPED_LIMIT {
+                self.signal_stopped();
+            }
             self.wait(None, LEAVE_LOOK);
         }
         self.page.set_phase(CellPhase::Ending);
         self.end_late(&|member| member.status.is_none());
         deaths
+    }
+
+    /// Ends those that somebody has stopped; they are reaped as any other death.
+    fn signal_stopped(&self) {
+        let lives = self.members.iter().filter(|m| m.status.is_none());
+        for member in lives.filter(|m| is_stopped(m.child.id())) {
+            tracing::warn!(
+                "{} is stopped, and not waited for: killed",
+                member.role.name
+            );
+            let _ = pidfd_send_signal(&member.ended, Signal::KILL);
+        }
     }
 
     /// Ends those who do not leave by themselves, and reports it.
