@@ -228,7 +228,11 @@ fn a_block_is_done_also_where_the_program_from_before_does_not_fit_behind_it() {
     obeyed(&cell, &["enable"]);
     obeyed(&cell, &["load", &part.display().to_string()]);
     let said = obeyed(&cell, &["mdi", "G43.1 Z-300"]);
-    assert!(said.contains("the planner refuses"), "{said}");
+    assert!(
+        said.contains("the planner refuses the program from before: "),
+        "{said}"
+    );
+    assert!(!said.contains("the terminal of"), "{said}");
     cell.wait_for(|now| is(now, Mode::Ready, ProgramState::None));
     refused(&cell, &["start"], "load one first");
     down(cell);

@@ -2,6 +2,7 @@
 
 use std::time::{Duration, Instant};
 
+use bus::messages;
 use bus::observer::Held;
 use bus::port::Reader;
 use bus::sample::{AxisFeedback, Cause, Driver, Feedback, Mode, Reference};
@@ -140,6 +141,13 @@ impl Eyes<'_> {
                 let off = measured.saturating_sub(axis.command_position) as f64;
                 off.abs() * of.increment_mm() <= of.in_position_window_um() * 1e-3
             })
+    }
+
+    /// Why the planner refuses what it was to read.
+    pub fn planners_reason(&self, now: &Feedback) -> String {
+        let said = messages::why(&self.client.cell.place.messages(), now);
+        let elsewhere = || "its reason stands in the terminal of `quadrant up`".into();
+        said.map_or_else(elsewhere, |said| said.to_string())
     }
 
     /// Waits until the drives that an order in `scan` switches on are on; what the cell shows then.

@@ -138,19 +138,24 @@ impl Block {
             if now.run >= self.run && now.load >= self.load {
                 return Ok(());
             }
+            let refuses;
             let why = if !self.is_latest(&now) {
                 "another program was loaded meanwhile"
             } else if !self.is_over(&now) && asked.elapsed() <= READ_LIMIT {
                 std::thread::sleep(LOOK);
                 continue;
             } else if now.cause == Cause::Planner as u32 {
-                "the planner refuses the blocks: its reason stands in the terminal of `quadrant up`"
+                refuses = format!(
+                    "the planner refuses the blocks: {}",
+                    eyes.planners_reason(&now)
+                );
+                refuses.as_str()
             } else if self.is_over(&now) {
                 "the blocks were not begun: the machine was no longer ready for them"
             } else {
                 "the planner has not read the blocks; it is still at it"
             };
-            return Err(Failure::Stopped(anyhow!(why)));
+            return Err(Failure::Stopped(anyhow!(why.to_owned())));
         }
     }
 
