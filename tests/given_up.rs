@@ -178,7 +178,12 @@ fn a_cell_is_ready_after_it_and_start_begins_the_program_again() {
     // Another program knows nothing of it.
     obeyed(&cell, &["load", &short]);
     let status = obeyed(&cell, &["status"]);
-    assert!(!status.contains("ABORT"), "{status}");
+    let state = status.lines().next().unwrap_or_default();
+    assert!(
+        state.contains("READY") && !state.contains("ABORT"),
+        "{status}"
+    );
+    assert!(status.contains("run 3 stopped: "), "{status}");
     obeyed(&cell, &["start", "--wait"]);
     obeyed(&cell, &["down"]);
     let ended = cell.finish();

@@ -59,6 +59,7 @@ mod realtime_settings;
 mod recorder;
 mod robust;
 mod rounding;
+mod run_endings;
 mod runs;
 mod said_and_done;
 mod scope;

@@ -2,8 +2,8 @@
 //! of the start to the last of the end. Every command returns within moments of its cause; exit status, report, status and events
 //! agree; nothing is left.
 //!
-//! `RUNS=2000 FROM=0 JOBS=4 cargo test --release --test cell -- random_runs --nocapture` for long; a seed repeats what is done,
-//! not what comes of it.
+//! `RUNS=2000 FROM=0 JOBS=4 cargo test --release --test cell -- random_runs --nocapture` for long, with `UP=1` of cells that stay up
+//! alone; a seed repeats what is done, not what comes of it.
 
 mod draw;
 mod judge;

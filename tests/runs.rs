@@ -97,7 +97,7 @@ fn a_run_is_listed_with_the_numbers_of_its_report_and_nothing_that_a_terminal_ob
 }
 
 #[test]
-fn a_run_under_way_says_so_and_is_not_removed_and_one_that_was_stopped_says_that() {
+fn a_run_under_way_says_so_and_is_not_removed_and_one_that_was_interrupted_says_that() {
     let bench = Bench::patient("xy", &[]);
     let program = bench.file("circle.ngc", &circle_program(10.0, 1000.0, (0.0, 0.0), 0.0));
     let mut cell = LiveCell::start(bench.path(), &program, "realtime");
@@ -112,7 +112,7 @@ fn a_run_under_way_says_so_and_is_not_removed_and_one_that_was_stopped_says_that
     let run = cell.finish();
     let then = listed(above, &["run"]);
     assert_eq!(then[0]["under_way"], false, "{then:?}");
-    assert_eq!(text(&then[0], "/outcome"), "stopped");
+    assert_eq!(text(&then[0], "/outcome"), "interrupted");
     assert_eq!(run.status(), 1, "{}", run.stderr());
     obeys(above, &["remove", "run/"]);
     assert!(!out.exists());

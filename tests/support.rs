@@ -353,6 +353,20 @@ impl LiveCell {
             .0
     }
 
+    /// Waits for a child of this role that is not this one.
+    pub fn wait_for_another(&self, role: &str, before: i32) {
+        let started = Instant::now();
+        let others = || {
+            self.children()
+                .into_iter()
+                .filter(|(pid, _)| *pid != before)
+        };
+        while !others().any(|(_, line)| line.contains(role)) {
+            assert!(started.elapsed() < PATIENCE, "no other {role:?}");
+            std::thread::sleep(Duration::from_millis(5));
+        }
+    }
+
     pub fn signal_launcher(&self, signal: i32) {
         send(self.child.id() as i32, signal);
     }

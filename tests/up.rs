@@ -418,15 +418,7 @@ fn a_planner_that_dies_between_programs_comes_back_with_the_one_that_is_loaded()
     obeyed(&cell, &["load", &short]);
     let before = cell.pid_of("quadrant planner");
     send(before, libc::SIGKILL);
-    let started = std::time::Instant::now();
-    while cell
-        .children()
-        .iter()
-        .all(|(pid, line)| *pid == before || !line.contains("quadrant planner"))
-    {
-        assert!(started.elapsed().as_secs() < 30, "no planner");
-        std::thread::sleep(Duration::from_millis(5));
-    }
+    cell.wait_for_another("quadrant planner", before);
     obeyed(&cell, &["start", "--wait"]);
     let feedback = cell.wait_for(|f| is(f, Mode::Ready, ProgramState::Done));
     assert_eq!(feedback.load, 1);

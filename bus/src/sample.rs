@@ -15,6 +15,7 @@ use crate::table;
 mod auxiliary;
 mod bus_cycle;
 pub(crate) mod checksum;
+mod ended;
 mod inputs;
 mod order;
 
@@ -427,7 +428,7 @@ impl Hand {
 
 /// What the master says each scan.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend)]
-#[type_name("quadrant/Feedback/11")]
+#[type_name("quadrant/Feedback/12")]
 #[repr(C)]
 pub struct Feedback {
     /// Number of the scan that begins with this sample.
@@ -486,6 +487,8 @@ pub struct Feedback {
     pub rested: u32,
     /// Axes in use that programs move: the first ones.
     pub path_axes: u32,
+    /// The run that ended last, and how.
+    pub ended: EndedRun,
     /// Spindle, coolant, outputs, tool and stops.
     pub auxiliary: Auxiliaries,
     /// The answer to what the program asked last.
@@ -499,7 +502,7 @@ pub struct Feedback {
 }
 table!(
     Feedback: scan, visible_from, window, armed, voided, program_hash, tag, interrupted_at, cause_scan, program_start @ PathAxes, setpoint, at_rest, epoch, incarnation, mode,
-    cause, cause_axis, override_percent, hold, last, overrun_scans, axis_count, load, program, run, messages, rested, path_axes, auxiliary, answer, inputs, axes @ Axes, checksum,
+    cause, cause_axis, override_percent, hold, last, overrun_scans, axis_count, load, program, run, messages, rested, path_axes, ended, auxiliary, answer, inputs, axes @ Axes, checksum,
 );
 
 /// What only an instrument could see: the bench's ball-bar and grid encoder, not for any controller.
@@ -780,11 +783,12 @@ pub use auxiliary::{
     OUTPUTS_AHEAD, ProgramEvent, SpindleCommand, Waiting,
 };
 pub use bus_cycle::BusCycle;
+pub use ended::{EndedRun, RunOutcome};
 pub use inputs::{
     ANALOG_INPUTS, Answer, AnswerOutcome, AskedInput, DIGITAL_INPUTS, InputWait, Inputs,
     OVERRIDE_MAX_PERCENT, PROBE_AWAY, PROBE_MUST,
 };
-pub use order::{OperatorRequest, OperatorResponse, Order, Refused};
+pub use order::{DOWN_FOR_LOSS, OperatorRequest, OperatorResponse, Order, Refused};
 
 impl Feedback {
     /// The axes in use.

@@ -197,7 +197,7 @@ assert ctypes.sizeof(Inputs) == 80
 
 
 class Feedback(ctypes.Structure):
-    """7136 bytes."""
+    """7184 bytes."""
 
     _fields_ = [
         ("scan", c_uint64),  # at 0
@@ -228,19 +228,20 @@ class Feedback(ctypes.Structure):
         ("messages", c_uint32),  # at 236
         ("rested", c_uint32),  # at 240
         ("path_axes", c_uint32),  # at 244
-        ("auxiliary", Auxiliaries),  # at 248
-        ("answer", Answer),  # at 496
-        ("inputs", Inputs),  # at 648
-        ("axes", AxisFeedback * 32),  # at 728
-        ("checksum", c_uint64),  # at 7128
+        ("ended", EndedRun),  # at 248
+        ("auxiliary", Auxiliaries),  # at 296
+        ("answer", Answer),  # at 544
+        ("inputs", Inputs),  # at 696
+        ("axes", AxisFeedback * 32),  # at 776
+        ("checksum", c_uint64),  # at 7176
     ]
 
     @staticmethod
     def type_name() -> str:
-        return "quadrant/Feedback/11"
+        return "quadrant/Feedback/12"
 
 
-assert ctypes.sizeof(Feedback) == 7136
+assert ctypes.sizeof(Feedback) == 7184
 
 
 class Instruments(ctypes.Structure):

@@ -1,7 +1,7 @@
 //! The recorder of a simulated cell: what it takes while it lives is measured as the report measures a log, and what the measurement
 //! says is held against what the run was. It writes no file.
 
-use ::report::measure::{Analysis, Outcome};
+use ::report::measure::Analysis;
 use bus::sample::{Feedback, Job, MAX_AXES, Mode};
 use machine::Machine;
 use monitor::log::Sample;
@@ -154,11 +154,11 @@ impl Recording {
             ));
         }
         let finished = self.last.is_some_and(|f| f.mode == Mode::Finished as u32);
-        let is_said = measured.outcome == Outcome::Completed;
+        let is_said = measured.is_completed();
         if self.lived && finished != is_said {
             say(format!(
-                "the outcome is called {:?}, the machine is finished: {finished}",
-                measured.outcome
+                "the end is called {:?}, the machine is finished: {finished}",
+                measured.ended
             ));
         }
         violations

@@ -5,7 +5,7 @@
 
 use std::path::Path;
 
-use ::report::measure::{Analysis, Outcome};
+use ::report::measure::Analysis;
 use lab::cell::InProcessCell;
 use machine::{Axis, Machine};
 use monitor::log::Sample;
@@ -70,7 +70,7 @@ fn circle(machine: &Machine, drives_scans: u32) -> Shown {
     let quadrants = measured.arcs.iter().flat_map(|arc| &arc.quadrants);
     let axis = measured.axes.first().expect("an axis");
     Shown {
-        completed: measured.outcome == Outcome::Completed,
+        completed: measured.is_completed(),
         contour_peak_um: measured.contour_error_mm.peak * 1e3,
         contour_rms_um: measured.contour_error_mm.rms() * 1e3,
         following_rms_um: axis.following_error_mm.rms() * 1e3,

@@ -64,7 +64,7 @@ fn suffer(cell: &mut Cell, what: Interruption) {
         Interruption::Trip(axis) => cell.trips = Some(axis),
         Interruption::Death(job, axis) => cell.dies(job, axis),
         Interruption::MasterDies => cell.replace_master(),
-        Interruption::LauncherDies => cell.master.end_after_stop(),
+        Interruption::LauncherDies => cell.master.end_after_stop(false),
     }
 }
 

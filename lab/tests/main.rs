@@ -28,6 +28,7 @@ mod overrides;
 mod processes;
 mod questions;
 mod rounded;
+mod run_endings;
 mod seeds;
 mod short_elements;
 mod silent_servo;

@@ -6,7 +6,7 @@ use std::time::Duration;
 use anyhow::{anyhow, bail};
 use bus::cell::{CellError, CellPaths, Ownership};
 use bus::member::Pace;
-use bus::sample::Mode;
+use bus::sample::RunOutcome;
 use machine::{LogLevel, Machine, machine_file};
 use plant_sim::script::faults::{self, Fault, FaultScript};
 use plant_sim::script::orders;
@@ -119,6 +119,9 @@ pub fn run(
     };
     let ending = supervise(&mut group, subject, watch, &signals, &mut events);
     drop(group);
+    if let Some(Err(error)) = ending.ended.as_ref().map(|of| of.note(&run_dir.folder)) {
+        tracing::warn!("{}: {error}", run_dir.folder.display());
+    }
     let made = (level.has_samples() && desk.is_some()).then(|| desk::report(&run_dir.folder));
     conclude(ending, made, &run_dir.folder)?;
     Ok(Completed {
@@ -316,13 +319,11 @@ fn conclude(ending: Ending, made: Option<anyhow::Result<String>>, folder: &Path)
         let what = "files of the cell were removed";
         return Err(Failure::stopped(format!("{what}: {stop}")));
     }
-    let last = ending.last;
-    let last = last.ok_or_else(|| Failure::environment("no scan ever ran"))?;
-    match Mode::from_wire(last.mode) {
-        Some(Mode::Stopped | Mode::Disabled) if ending.interruptions > 0 && last.cause == 0 => {
-            Err(Failure::Interrupted)
-        }
-        Some(Mode::Finished) => {
+    let ended = ending.ended;
+    let ended = ended.ok_or_else(|| Failure::environment("no scan ever ran"))?;
+    match ended.outcome {
+        RunOutcome::Interrupted if ending.interruptions > 0 => Err(Failure::Interrupted),
+        RunOutcome::Completed => {
             made.transpose().map_err(Failure::Environment)?;
             Ok(())
         }

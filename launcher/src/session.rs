@@ -10,9 +10,11 @@ use std::time::{Duration, Instant};
 use bus::cell::CellPaths;
 use bus::drive_codes::cause_words;
 use bus::sample::{Cause, Feedback, Mode, ProgramState};
+use machine::Machine;
+use monitor::ended::Ended;
 use serde_json::Value;
 
-use crate::events::Events;
+use crate::events::{Event, Events};
 use crate::retention::{Retention, folders, is_of_cell};
 use console::logs;
 use console::signals::Signals;
@@ -50,6 +52,10 @@ pub struct Session {
     printed: Option<(u32, u32, u32)>,
     /// A run that is over, and the scan whose samples its log must have.
     over: Option<(u32, u64)>,
+    /// Runs of which it is noted how they ended.
+    noted: u32,
+    /// How those ended that have no report yet.
+    ended: Vec<Ended>,
     /// One at a time.
     report: Option<Report>,
     /// What is kept of earlier runs.
@@ -57,7 +63,7 @@ pub struct Session {
     /// Runs have reports.
     reports: bool,
     /// The cell has ended.
-    ended: bool,
+    hurries: bool,
 }
 
 impl Drop for Session {
@@ -86,13 +92,23 @@ impl Session {
             printed: None,
             over: None,
             report: None,
-            ended: false,
+            noted: 0,
+            ended: Vec::new(),
+            hurries: false,
         }
     }
 
     /// Looks at the newest feedback; the recorder has taken `recorded_scans`.
-    pub fn look(&mut self, feedback: &Feedback, recorded_scans: u64, events: &mut Events) {
+    pub fn look(
+        &mut self,
+        feedback: &Feedback,
+        machine: &Machine,
+        recorded_scans: u64,
+        events: &mut Events,
+    ) {
         self.say_state(feedback, events);
+        let ended = Ended::told(machine, feedback, feedback.ended.run);
+        self.take_end(ended.filter(Ended::is_whole));
         self.prune(feedback, recorded_scans);
         while self.started < feedback.run {
             self.started += 1;
@@ -113,6 +129,40 @@ impl Session {
         self.make_reports(feedback.scan, events);
         for (event, text) in self.retention.look() {
             events.note(feedback.scan, event, text);
+        }
+    }
+
+    /// How a run ended, as the master says it.
+    pub fn take_end(&mut self, ended: Option<Ended>) {
+        let newest = self.ended.last().map_or(self.noted, |newest| newest.run);
+        self.ended.extend(ended.filter(|ended| ended.run > newest));
+    }
+
+    /// How runs up to this one ended is noted among the events and in their folders. Of two that end between two looks the recorder alone
+    /// has seen the first one.
+    pub fn note_ends(&mut self, up_to: u32, events: &mut Events) {
+        while self.noted < up_to {
+            self.noted += 1;
+            let run = self.noted;
+            let folder = self.folder_of(run);
+            let seen = self.ended.extract_if(.., |ended| ended.run <= run);
+            let seen = seen.filter(|ended| ended.run == run).last();
+            if let (Some(ended), Some(folder)) = (&seen, &folder)
+                && let Err(error) = ended.note(folder)
+            {
+                tracing::warn!("{}: {error}", folder.display());
+            }
+            let Some(ended) = seen.or_else(|| Ended::read(folder.as_deref()?)) else {
+                continue;
+            };
+            let text = match ended.text.as_str() {
+                "" => format!("run {run}"),
+                why => format!("run {run}: {why}"),
+            };
+            events.write(&Event {
+                outcome: Some(ended.outcome.word()),
+                ..Event::of_cell(ended.scan, "run ended", Some(text))
+            });
         }
     }
 
@@ -196,6 +246,7 @@ impl Session {
         while self.report.is_none() && self.reported < self.logged {
             self.reported += 1;
             let (run, folder) = (self.reported, self.folder_of(self.reported));
+            self.note_ends(run, events);
             match folder {
                 Some(folder) if self.reports => self.make_report(run, folder),
                 Some(folder) => self.retention.over(folder),
@@ -208,7 +259,7 @@ impl Session {
     fn make_report(&mut self, run: u32, folder: PathBuf) {
         let mut command = Command::new("/proc/self/exe");
         command.arg("report").arg(&folder);
-        if !self.ended {
+        if !self.hurries {
             command.arg("--background");
         }
         command
@@ -231,7 +282,7 @@ impl Session {
     /// From now on somebody waits for the reports, and no machine moves beside them: one that was begun in the background, where
     /// a busy PC has no time for it, is made again.
     fn hurry(&mut self) {
-        self.ended = true;
+        self.hurries = true;
         if let Some(mut report) = self.report.take() {
             let _ = report.child.kill();
             let _ = report.child.wait();

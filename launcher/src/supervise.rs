@@ -7,9 +7,12 @@ use bus::cell::CellPaths;
 use bus::member::Pace;
 use bus::messages::{self, MessageReader, TROUBLE};
 use bus::port::{OperatorClient, PendingOrder};
-use bus::sample::{Cause, Feedback, Job, Mode, OperatorRequest, Order};
+use bus::sample::{
+    Cause, DOWN_FOR_LOSS, Feedback, Job, Mode, OperatorRequest, Order, ProgramState, RunOutcome,
+};
 use bus::signal_page::CellPhase;
 use machine::Machine;
+use monitor::ended::Ended;
 use plant_sim::script::faults::FaultScript;
 
 use crate::events::{Event, Events};
@@ -45,6 +48,8 @@ const LOOK_OFTEN: Duration = Duration::from_millis(1);
 pub struct Ending {
     /// The last feedback that was seen.
     pub last: Option<Feedback>,
+    /// How the run under way ended; none if there was none.
+    pub ended: Option<Ended>,
     /// Who died.
     pub deaths: Vec<Death>,
     /// Times that somebody interrupted it.
@@ -323,7 +328,8 @@ impl<'a> Supervision<'a> {
         let (Some(feedback), Some(session)) = (&self.newest, &mut self.session) else {
             return;
         };
-        session.look(feedback, self.group.page.recorded_scans(), self.events);
+        let recorded = self.group.page.recorded_scans();
+        session.look(feedback, self.machine, recorded, self.events);
         let recorder = self.group.place_of(Job::Monitor.into()).unwrap_or_default();
         let lost = !self.group.lives(Job::Monitor) && !self.supervisor.is_due(recorder);
         if session.is_another(feedback) && lost {
@@ -463,7 +469,8 @@ impl<'a> Supervision<'a> {
             return;
         }
         let incarnation = newest.map_or(0, |feedback| feedback.incarnation);
-        let Some(order) = stop(self.group, &self.watch.operator) else {
+        let for_loss = !interrupted && self.ends.is_some();
+        let Some(order) = stop(self.group, &self.watch.operator, for_loss) else {
             return;
         };
         self.asked = Some(Asked {
@@ -509,25 +516,29 @@ impl<'a> Supervision<'a> {
         self.take_newest();
         self.tell_messages();
         let last = self.watch.progress.newest().copied();
+        let ended = last.as_ref().and_then(|last| self.ended(last, in_order));
         if let (Some(session), Some(last)) = (&mut self.session, &last) {
             // Whoever looks for the cell now finds none; its last report is still being made.
             self.group.page.set_phase(CellPhase::Ending);
-            if in_order {
-                session.finish(last, self.signals, self.events);
+            session.take_end(ended.clone());
+            match in_order {
+                true => session.finish(last, self.signals, self.events),
+                false => session.note_ends(last.run, self.events),
             }
         }
         let mut stop = String::new();
         if let Some(last) = &last {
             let messages = CellPaths::new(&self.cell).map(|place| place.messages());
             stop = stop_words(last, self.machine, messages.ok().as_deref());
-            let kind = self.outcome(last, in_order);
+            let of_run = ended.as_ref().filter(|_| self.session.is_none());
             self.events.write(&Event {
-                outcome: self.session.is_none().then_some(kind),
+                outcome: of_run.map(|ended| ended.outcome.word()),
                 ..Event::of_cell(last.scan, "ended", Some(stop.clone()))
             });
         }
         Ending {
             last,
+            ended,
             deaths: self.deaths,
             interruptions: self.signals.count(),
             in_order,
@@ -545,17 +556,32 @@ impl<'a> Supervision<'a> {
         }
     }
 
-    /// The word for how the run ended, as its exit status says it.
-    fn outcome(&self, last: &Feedback, in_order: bool) -> &'static str {
-        let mode = Mode::from_wire(last.mode);
-        let rests = matches!(mode, Some(Mode::Stopped | Mode::Disabled)) && last.cause == 0;
-        let whole = in_order && !self.deaths.iter().any(Death::is_loss);
-        match (mode, self.signals.count()) {
-            (Some(Mode::Finished), _) => "completed",
-            (_, 2..) => "interrupted",
-            (_, 1) if rests && whole => "interrupted",
-            _ => "stopped",
+    /// How the run under way ended: as the master says it, who alone knows; where none was left to say it, without its end.
+    fn ended(&self, last: &Feedback, in_order: bool) -> Option<Ended> {
+        let told = Ended::told(self.machine, last, last.run);
+        if told.is_none() && last.program != ProgramState::Running as u32 {
+            return None;
         }
+        if let Some(told) = told.as_ref().filter(|told| told.is_whole()) {
+            return Some(told.clone());
+        }
+        let rests = match in_order && told.is_some() {
+            true => "the machine came to rest on the path",
+            false => "the machine did not come to rest in order",
+        };
+        let lost = self.deaths.iter().find(|death| death.is_loss());
+        let lost = lost.map_or_else(String::new, |of| format!("{} {}; ", of.name, of.words()));
+        let outcome = match (&told, self.signals.count()) {
+            (None, 2..) => RunOutcome::Interrupted,
+            _ => RunOutcome::Stopped,
+        };
+        Some(Ended {
+            run: last.run,
+            scan: last.scan,
+            outcome,
+            cause: last.cause,
+            text: lost + rests,
+        })
     }
 
     fn wait_until_left(&mut self) {
@@ -587,9 +613,10 @@ fn note_deaths(deaths: &[Death], scan: u64, events: &mut Events) {
 
 /// Sends that order, which nobody takes back: a run that was brought on again would be ended in motion when its time to come to rest
 /// is over. None if it could not be sent.
-fn stop(group: &Group, operator: &OperatorClient) -> Option<PendingOrder> {
+fn stop(group: &Group, operator: &OperatorClient, for_loss: bool) -> Option<PendingOrder> {
     let order = OperatorRequest {
         order: Order::Down as u32,
+        value: if for_loss { DOWN_FOR_LOSS } else { 0.0 },
         ..OperatorRequest::default()
     };
     let sent = operator.send(order);

@@ -39,7 +39,7 @@ pub fn cycle<D: Drives, P: MasterPorts>(
     });
     match ports.launcher_lives(scan) {
         None => return Ok(Flow::Leave),
-        Some(false) => master.end_after_stop(),
+        Some(false) => master.end_after_stop(false),
         Some(true) => {}
     }
     ports.for_each_window(scan, |header, setpoints, roster| {

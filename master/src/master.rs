@@ -4,8 +4,8 @@
 use std::mem::offset_of;
 
 use bus::sample::{
-    BusCycle, Cause, Feedback, Instruments, Job, Mode, PATH_AXES, Roster, Setpoint, WindowHeader,
-    WindowId,
+    BusCycle, Cause, Feedback, Instruments, Job, Mode, Order, PATH_AXES, Roster, Setpoint,
+    WindowHeader, WindowId,
 };
 use bytemuck::Zeroable;
 use machine::{Machine, WithinPeriod};
@@ -453,6 +453,12 @@ impl<D: Drives> Master<D> {
             Mode::Enabled | Mode::Stopping | Mode::Jogging | Mode::Ready => false,
         };
         self.modes.settle(standing);
+        if self.is_last() && self.program.is_running() {
+            // The feedback that is the last is of it too.
+            let order = self.modes.is_ordered_to_end().then_some(Order::Down);
+            let ended = self.end_of_run(next_scan, order);
+            self.program.note_end(ended);
+        }
     }
 
     /// At the programmed end: finished once all axes are within their in-position windows; a trip if one never comes.

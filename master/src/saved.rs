@@ -1,7 +1,7 @@
 //! What outlives a master: its latches and the state of its drives, saved each scan, so that a replacement knows where the
 //! axes really are and where the path was left.
 
-use bus::sample::{Answer, Levels, MAX_AXES, PATH_AXES};
+use bus::sample::{Answer, EndedRun, Levels, MAX_AXES, PATH_AXES};
 use bytemuck::{Pod, Zeroable};
 
 use crate::drives::{Drives, StateRefused};
@@ -19,13 +19,15 @@ pub struct Latches {
     pub left: Left,
     /// Command positions the program was started from.
     pub program_start: [i64; PATH_AXES],
+    /// The run that ended last.
+    pub ended: EndedRun,
     /// Override in percent.
     pub override_percent: u32,
     /// Scans overrun so far.
     pub overrun_scans: u32,
     /// 1 if somebody had asked for a stop: the run may end.
     pub may_end: u32,
-    /// 1 if the cell was ordered to end.
+    /// 1 if the cell was ordered to end, 2 if for the loss of a process.
     pub ends: u32,
     /// Number of the program that was loaded last.
     pub load: u32,

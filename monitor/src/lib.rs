@@ -9,6 +9,7 @@
 mod black_box;
 pub mod deaths;
 pub mod digest;
+pub mod ended;
 pub mod log;
 mod logbook;
 pub mod losses;

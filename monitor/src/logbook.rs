@@ -9,6 +9,7 @@ use bus::sample::{Auxiliaries, Feedback, ProgramState};
 use machine::{KeptTexts, LogLevel, Machine, with_kept};
 
 use crate::black_box::Home;
+use crate::ended::{ENDED_FILE, Ended};
 use crate::log::{BEGINS_AT, Event, LogError, Recorder, RunEnd, RunInfo, SampleRef};
 use crate::options::{MonitorError, Options};
 use crate::said::SaidFile;
@@ -24,6 +25,7 @@ struct Open {
     run: u32,
     recorder: Recorder,
     said: Option<SaidFile>,
+    folder: PathBuf,
     started: Option<Instant>,
     /// Receptions that had failed when it was opened.
     failed_before: u64,
@@ -103,9 +105,16 @@ impl Logbook {
         Ok(false)
     }
 
-    /// Takes down what the program of the log that is open has said by this feedback.
+    /// Takes down what the program of the log that is open has said by this feedback, and how it has ended.
     pub fn hear(&mut self, feedback: &Feedback) {
         let staying = self.options.program.is_none();
+        if let Some(open) = &self.open
+            && let Some(ended) = Ended::told(&self.machine, feedback, open.run)
+            && ended.is_whole()
+            && let Err(error) = ended.note(&open.folder)
+        {
+            tracing::warn!("{}: {error}", open.folder.join(ENDED_FILE).display());
+        }
         if let Some(open) = &mut self.open
             && (!staying || open.run == feedback.run)
             && let Some(said) = &mut open.said
@@ -210,6 +219,7 @@ impl Logbook {
             let settings = &mut info.settings;
             settings.insert(BEGINS_AT.into(), begins_at.to_string());
         }
+        Ended::reserve(folder);
         let said = CellPaths::new(&self.options.slot.cell).ok();
         let said = said.and_then(|cell| SaidFile::open(folder, &cell).ok());
         let level = self.options.level;
@@ -218,6 +228,7 @@ impl Logbook {
         self.open = Some(Open {
             run,
             said,
+            folder: folder.into(),
             recorder,
             started: None,
             failed_before: failed,

@@ -200,6 +200,17 @@ impl SyntheticRun {
             visible_from: scan,
             axis_count: 2,
             mode: mode as u32,
+            run: 1,
+            ended: match finished {
+                true => EndedRun {
+                    scan,
+                    run: 1,
+                    outcome: RunOutcome::Completed as u32,
+                    mode: mode as u32,
+                    ..EndedRun::default()
+                },
+                false => EndedRun::default(),
+            },
             incarnation: 1,
             program_hash: self.program_hash,
             ..Feedback::zeroed()

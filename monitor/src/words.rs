@@ -59,9 +59,13 @@ impl StopCause {
     /// What a feedback names.
     pub fn of(machine: &Machine, feedback: &Feedback) -> StopCause {
         let index = feedback.cause_axis as usize;
-        let axis = machine.axes.get(index);
-        let cause = Cause::from_wire(feedback.cause);
         let code = feedback.axes.get(index).map_or(0, |axis| axis.drive_code);
+        StopCause::named(machine, Cause::from_wire(feedback.cause), index, code)
+    }
+
+    /// A cause, with its axis by index and what the drive says.
+    pub fn named(machine: &Machine, cause: Option<Cause>, index: usize, code: u32) -> StopCause {
+        let axis = machine.axes.get(index);
         StopCause {
             axis: axis.map(|axis| axis.name.clone()),
             cause,

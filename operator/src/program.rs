@@ -11,7 +11,11 @@ use std::time::{Duration, Instant};
 
 use anyhow::{anyhow, bail};
 use bus::process::watch;
-use bus::sample::{Cause, Feedback, Mode, OperatorRequest, OperatorResponse, Order, ProgramState};
+use bus::sample::{
+    Cause, Feedback, Mode, OperatorRequest, OperatorResponse, Order, ProgramState, RunOutcome,
+};
+use monitor::ended::Ended;
+use monitor::log::part_files;
 use planner::ProgramText;
 use program::{Note, ProgramEnd};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
@@ -93,7 +97,8 @@ pub(super) fn until_read(eyes: &mut Eyes<'_>, number: u32, name: &str) -> Result
             Some(ProgramState::Loading) => {}
             Some(ProgramState::None) | None => {
                 return Err(Failure::Stopped(anyhow!(
-                    "the planner refuses {name}: its reason stands in the terminal of `quadrant up`"
+                    "the planner refuses {name}: {}",
+                    eyes.planners_reason(&seen)
                 )));
             }
             Some(_) => return Ok(()),
@@ -374,25 +379,26 @@ pub(super) fn until_done(
         let started = now.program == ProgramState::Running as u32;
         // Once it has come to rest it is left, and can be started again.
         let leaves = now.cause == Cause::Abort as u32 && started && now.last == 0;
+        let ended = Ended::told(&client.machine, &now, run);
+        if let Some(ended) = &ended
+            && (ended.outcome == RunOutcome::Completed || now.run > run || !started)
+        {
+            if ended.outcome == RunOutcome::Completed {
+                return Ok(Some(now.scan));
+            }
+            let why = match Cause::from_wire(now.cause) {
+                Some(Cause::None) if ended.text.is_empty() => ended.outcome.word(),
+                Some(Cause::None) => &ended.text,
+                _ => &stop_words(&now),
+            };
+            return Err(Failure::Stopped(anyhow!("run {run} was given up: {why}")));
+        }
         if now.run > run {
             return Err(Failure::Stopped(anyhow!(
                 "run {run} is over and another one has started: how it ended stands in its report"
             )));
         }
-        if now.run == run && !started {
-            if now.auxiliary.modes_of_run == run {
-                return Ok(Some(now.scan));
-            }
-            let why = match Cause::from_wire(now.cause) {
-                Some(Cause::None) => String::new(),
-                _ => format!(": {}", stop_words(&now)),
-            };
-            return Err(Failure::Stopped(anyhow!("run {run} was given up{why}")));
-        }
         let mode = Mode::from_wire(now.mode);
-        if mode == Some(Mode::Finished) && now.last == 1 {
-            return Ok(Some(now.scan));
-        }
         let stands = matches!(mode, Some(Mode::Tripped | Mode::Stopped | Mode::Disabled));
         if now.run == run && (stands && !leaves || now.last == 1) {
             return Err(Failure::Stopped(anyhow!(
@@ -417,7 +423,10 @@ fn done(client: &Client, run: u32, scan: u64, folder: Option<&Path>) -> Outcome 
     }
     let log = folder.map(|folder| folder.join(monitor::log::LOG_FILE));
     let is_there = |log: &PathBuf| fs::metadata(log).is_ok_and(|of| of.len() > 0);
-    let recorded = client.cell.is_gone() || page.recorded_scans() > scan;
+    // Each recorder begins a part of its own: what the one before had not written is missing.
+    let parts = folder.and_then(|folder| part_files(folder).ok());
+    let is_whole = parts.is_none_or(|parts| parts.len() < 2);
+    let recorded = is_whole && (client.cell.is_gone() || page.recorded_scans() > scan);
     if log.as_ref().is_none_or(is_there) && recorded {
         client.say(&format!("run {run} is done"));
         return Ok(());

@@ -135,6 +135,22 @@ pub struct ProgramState {
     pub path_done_mm: Option<f64>,
     /// Length of the path, in mm.
     pub path_length_mm: Option<f64>,
+    /// The run that ended last; none before one has.
+    pub last_run: Option<LastRun>,
+}
+
+/// How a run ended, as the master says it.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LastRun {
+    /// Its number.
+    pub run: u32,
+    /// Completed, interrupted or stopped.
+    pub outcome: String,
+    /// Its last scan.
+    pub scan: u64,
+    /// Why; empty where there is nothing to say.
+    pub why: String,
 }
 
 /// Something that the program has said.

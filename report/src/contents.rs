@@ -9,13 +9,13 @@ use super::cause_sections;
 use super::document::{Block, Columns, Document, Fact, Outcome, Section, digits, section};
 use super::json::{ArcReport, Report, ScanRange};
 use super::match_up::orders;
-use super::outcome::OutcomeKind;
 use super::peaks::PeakReport;
 use super::rounded::{r3, um};
 use crate::measure::auxiliary::AuxiliaryEvent;
 use crate::measure::faults::FaultResult;
 use crate::measure::outcome::Reaction;
 use crate::measure::reversal::ReversalResult;
+use bus::sample::RunOutcome;
 use monitor::said::Line;
 use program::Note;
 
@@ -120,12 +120,12 @@ fn time_s(report: &Report, scan: u64) -> f64 {
 pub(super) fn ending(report: &Report, run: Option<String>) -> Vec<Block> {
     let reason = report.outcome.reason.as_deref();
     let (good, word, rest) = match report.outcome.kind {
-        OutcomeKind::Completed => (true, "Completed", "The program ran to its end."),
-        OutcomeKind::Interrupted => {
+        RunOutcome::Completed => (true, "Completed", "The program ran to its end."),
+        RunOutcome::Interrupted => {
             let somebody = "Somebody stopped the run before the program's end.";
             (false, "Interrupted", reason.unwrap_or(somebody))
         }
-        OutcomeKind::Stopped => {
+        RunOutcome::Stopped => {
             let unknown = "The log does not show why.";
             (false, "Stopped", reason.unwrap_or(unknown))
         }

@@ -7,10 +7,10 @@ use path::geometry::Path;
 use program::{Along, Answer, Note, ResumeError, Setup};
 
 use super::error::ReportError;
-use super::outcome::{Ended, ended};
 use crate::measure::{Analysis, Measurements, RunPath};
 use crate::said::Said;
 use crate::skim::{Answers, Prescan, Start, skim};
+use monitor::ended::Ended;
 use monitor::log::{Part, RunEnd, RunInfo, RunLog, Sample};
 
 /// What the measurement of one log gave.
@@ -27,7 +27,7 @@ pub struct Evaluation {
     pub digest: Option<String>,
     /// The parts of the log, in order.
     pub parts: Vec<Part>,
-    /// What the launcher saw of the end; none if it did not see it, or noted it elsewhere.
+    /// How the run ended; none if nobody has noted it.
     pub ended: Option<Ended>,
     /// What the program has said.
     pub said: Said,
@@ -144,7 +144,7 @@ fn evaluate_knowing(
         end,
         digest: reader.digest(),
         parts: reader.parts().to_vec(),
-        ended: ended(run_dir),
+        ended: Ended::read(run_dir),
         said: Said::read(run_dir, MESSAGES_MAX),
         windows_lost: reader.windows_lost(),
         cut: reader.cut().map(str::to_string),

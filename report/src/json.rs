@@ -9,20 +9,19 @@ use super::causes::{BallBarReport, ContourPartsReport, ball_bars, contour_parts}
 use super::evaluation::Evaluation;
 pub use super::gaps::ScanRange;
 use super::gaps::{missing_scans, samples_lost};
-use super::outcome::OutcomeKind;
 use super::peaks::{PeakReport, contour_peaks};
 use super::rounded::{MaxMin, max_min, r3};
-use crate::measure::Outcome;
 use crate::measure::arc::{ArcResult, Deviations};
 use crate::measure::auxiliary::AuxiliaryEvent;
 use crate::measure::axis::LimitCounts;
 use crate::measure::faults::{FaultResult, ProcessResult};
 use crate::measure::fit::FitKind;
-use crate::measure::outcome::StopReason;
+use crate::measure::outcome::mode_word;
 use crate::measure::reversal::ReversalResult;
 use bus::messages::TROUBLE;
-use bus::sample::Cause;
+use bus::sample::{Cause, RunOutcome};
 use machine::LogLevel;
+use monitor::ended::as_word;
 use monitor::said::Line;
 
 /// The whole report.
@@ -120,7 +119,8 @@ fn is_none(count: &u64) -> bool {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct OutcomeReport {
     /// In one word.
-    pub kind: OutcomeKind,
+    #[serde(serialize_with = "as_word")]
+    pub kind: RunOutcome,
     /// Why, if it was not completed.
     pub reason: Option<String>,
 }
@@ -311,36 +311,36 @@ impl Report {
     }
 }
 
-/// As the log shows it. What the log cannot show the launcher has noted: the end of a log that was not written to its end, and
-/// whether a planner was lost for good or about to be replaced when the run was interrupted.
+/// As the master has said it: in the run directory, or else in the last feedback of the log.
 fn outcome(evaluation: &Evaluation) -> OutcomeReport {
     let from_outside = evaluation.end.as_ref().and_then(|end| end.reason.clone());
-    let noted = evaluation.ended.as_ref();
-    let noted = noted.and_then(|ended| Some((ended.kind?, ended)));
-    let (kind, reason) = match (&evaluation.measurements.outcome, noted) {
-        (Outcome::Completed, _) => (OutcomeKind::Completed, None),
-        (Outcome::Interrupted, _) => (OutcomeKind::Interrupted, from_outside),
-        (Outcome::Stopped(StopReason::PlannerLost { .. }), Some((OutcomeKind::Interrupted, _))) => {
-            (OutcomeKind::Interrupted, from_outside)
-        }
-        (Outcome::Stopped(reason), Some((kind, ended))) if reason.is_unknown(ended.scan) => {
-            let why = (kind == OutcomeKind::Stopped).then(|| ended.text.clone());
-            (kind, why)
-        }
-        (Outcome::Stopped(reason), _) => {
-            let text = reason.to_string() + &said_at_the_end(evaluation, reason);
-            (OutcomeKind::Stopped, from_outside.or(Some(text)))
-        }
+    let measured = &evaluation.measurements;
+    let Some(ended) = evaluation.ended.as_ref().or(measured.ended.as_ref()) else {
+        let words = measured.last.map_or_else(
+            || "the log holds no feedback".into(),
+            |(scan, mode)| {
+                format!(
+                    "the log ends at scan {scan} with the machine {}",
+                    mode_word(mode)
+                )
+            },
+        );
+        return OutcomeReport {
+            kind: RunOutcome::Stopped,
+            reason: from_outside.or(Some(words)),
+        };
     };
-    OutcomeReport { kind, reason }
+    let why = ended.text.clone() + &said_at_the_end(evaluation, ended.cause);
+    let why = from_outside.or(Some(why).filter(|why| !why.is_empty()));
+    OutcomeReport {
+        kind: ended.outcome,
+        reason: why.filter(|_| ended.outcome != RunOutcome::Completed),
+    }
 }
 
 /// What a program that has given itself up said then, or its planner where that could not go on.
-fn said_at_the_end(evaluation: &Evaluation, reason: &StopReason) -> String {
-    let StopReason::Cause(of) = reason else {
-        return String::new();
-    };
-    let says_why = |said: &&Line| match of.cause {
+fn said_at_the_end(evaluation: &Evaluation, cause: u32) -> String {
+    let says_why = |said: &&Line| match Cause::from_wire(cause) {
         Some(Cause::Abort) => said.number != TROUBLE,
         Some(Cause::Planner) => said.number == TROUBLE,
         _ => false,

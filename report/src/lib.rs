@@ -25,7 +25,6 @@ mod label_layout;
 mod match_up;
 pub mod measure;
 pub mod options;
-mod outcome;
 mod path_picture;
 pub mod path_plot;
 mod peaks;
@@ -59,7 +58,6 @@ pub use causes::{BallBarReport, CauseReport, ContourPartReport, ContourPartsRepo
 pub use error::ReportError;
 pub use evaluation::{Evaluation, evaluate, run_path};
 pub use json::{ArcReport, LogReport, OutcomeReport, PartReport, PeakRms, Report, ScanRange};
-pub use outcome::OutcomeKind;
 pub use peaks::PeakReport;
 pub use rounded::MaxMin;
 

@@ -31,7 +31,7 @@ mod gap_tests;
 #[cfg(test)]
 mod tests;
 
-use bus::sample::{Cause, Feedback, Instruments, MAX_AXES, Mode, WindowId};
+use bus::sample::{Feedback, Instruments, MAX_AXES, Mode, WindowId};
 use machine::Machine;
 use path::geometry::AxisVector;
 use path::kinematics::Kinematics;
@@ -44,10 +44,8 @@ use axis::{AxisMeter, LimitCounts, LimitsAudit};
 use ball_bar::BallBar;
 use contour_parts::{ContourParts, ContourPartsMeter};
 use faults::{FaultResult, Faults, ProcessResult, Seen};
+use monitor::ended::Ended;
 use monitor::log::Sample;
-use monitor::words::StopCause;
-pub use outcome::Outcome;
-use outcome::StopReason;
 use reversal::{ReversalMeter, ReversalResult};
 pub use run_path::RunPath;
 use series::Statistics;
@@ -59,8 +57,10 @@ const GAPS_MAX: usize = 1000;
 /// Everything that was measured.
 #[derive(Debug, Clone)]
 pub struct Measurements {
-    /// How it ended.
-    pub outcome: Outcome,
+    /// How it ended, as its last feedback says it; none where a log ends before, as that of a run in a cell that stays up does.
+    pub ended: Option<Ended>,
+    /// Scan and mode of the last feedback.
+    pub last: Option<(u64, Option<Mode>)>,
     /// Scans from the first to the last feedback.
     pub scans: u64,
     /// Scan period, in s.
@@ -103,6 +103,14 @@ pub struct Measurements {
     pub faults: Vec<FaultResult>,
     /// What happened beside the axes.
     pub auxiliary: Vec<AuxiliaryEvent>,
+}
+
+impl Measurements {
+    /// Whether the last feedback shows the program done, and the machine in position.
+    pub fn is_completed(&self) -> bool {
+        let mode = self.last.and_then(|(_, mode)| mode);
+        mode == Some(Mode::Finished)
+    }
 }
 
 /// The measurement of one run, fed sample by sample.
@@ -237,12 +245,8 @@ impl Analysis {
         let last_scan = self.last.as_ref().map(|feedback| feedback.scan);
         let (processes, faults) = self.faults.finish();
         Measurements {
-            outcome: outcome(
-                &self.machine,
-                self.last.as_ref(),
-                processes.iter().any(is_lost_planner),
-                &faults,
-            ),
+            ended: ended(&self.machine, self.last.as_ref()),
+            last: self.last.map(|of| (of.scan, Mode::from_wire(of.mode))),
             scans: match (self.first_scan, last_scan) {
                 (Some(first), Some(last)) => last - first + 1,
                 _ => 0,
@@ -539,47 +543,6 @@ fn lead_mm(machine: &Machine, kinematics: &Kinematics, axis: usize) -> Option<f6
     Some(axis.lead_mm)
 }
 
-/// Whether it is the planner, and nobody has its place any more. One that was replaced ends nothing, also where its successor waits
-/// for somebody to go on.
-fn is_lost_planner(process: &ProcessResult) -> bool {
-    process.process == "planner" && process.deaths.len() as u64 >= u64::from(process.starts)
-}
-
-fn outcome(
-    machine: &Machine,
-    last: Option<&Feedback>,
-    planner_is_lost: bool,
-    faults: &[FaultResult],
-) -> Outcome {
-    let Some(last) = last else {
-        return Outcome::Stopped(StopReason::NoFeedback);
-    };
-    let is_loss = |fault: &&FaultResult| {
-        planner_is_lost && fault.process == "planner" && fault.resumed_at_scan.is_none()
-    };
-    let mode = Mode::from_wire(last.mode);
-    let mut cause = StopCause::of(machine, last);
-    cause.cause.get_or_insert(Cause::BadFeedback);
-    match mode {
-        Some(Mode::Finished) => Outcome::Completed,
-        // An operator stops a machine, and so does the launcher when the planner is gone.
-        Some(Mode::Stopped) => match faults.iter().find(is_loss) {
-            Some(fault) => Outcome::Stopped(StopReason::PlannerLost {
-                loss: fault.kind,
-                scan: fault.scan,
-            }),
-            None if last.cause != 0 => {
-                cause.axis = None;
-                Outcome::Stopped(StopReason::Cause(cause))
-            }
-            None => Outcome::Interrupted,
-        },
-        // Whoever switched the drives off ended the run so.
-        Some(Mode::Disabled) if last.cause == 0 && last.last == 1 => Outcome::Interrupted,
-        Some(Mode::Tripped) => Outcome::Stopped(StopReason::Cause(cause)),
-        mode => Outcome::Stopped(StopReason::LogEnds {
-            scan: last.scan,
-            mode,
-        }),
-    }
+fn ended(machine: &Machine, last: Option<&Feedback>) -> Option<Ended> {
+    last.and_then(|last| Ended::told(machine, last, last.run))
 }

@@ -1,16 +1,15 @@
 //! From a log to the files of a report, and again.
 
+use bus::sample::RunOutcome;
 use machine::LogLevel;
 use std::path::Path;
 
 use path::geometry::AxisVector;
 use program::Setup;
 
-use super::outcome::Ended;
 use super::*;
-use crate::measure::Outcome;
-use crate::measure::outcome::{Loss, StopReason};
 use crate::test_support::{Deviation, SyntheticRun, machine, machine_text};
+use monitor::ended::ENDED_FILE;
 use monitor::log::{LOG_FILE, Recorder, RunEnd, RunInfo, Sample, SampleRef};
 
 const PROGRAM: &str = "G17 G21 G90
@@ -315,30 +314,28 @@ fn a_cut_log_still_gives_a_report_that_says_so() {
     let whole = std::fs::read(&log).unwrap();
     std::fs::write(&log, &whole[..whole.len() * 2 / 3]).unwrap();
     let report = make_report(dir.path()).unwrap();
-    assert_eq!(report.outcome.kind, OutcomeKind::Stopped);
+    assert_eq!(report.outcome.kind, RunOutcome::Stopped);
     assert!(report.log.cut.is_some() && report.wall_s.is_none());
     assert!(!report.arcs.is_empty());
     let page = std::fs::read_to_string(dir.path().join("report.txt")).unwrap();
     assert!(page.contains("THE LOG IS NOT WHOLE"), "{page}");
 }
 
-/// What the launcher has noted of the end of a run.
+/// What was noted of the end of a run.
 fn note_end(dir: &Path, scan: u64, outcome: &str, text: &str) {
-    let event = serde_json::json!(
-        { "scan": scan, "event": "ended", "text": text, "outcome": outcome }
+    let ended = serde_json::json!(
+        { "run": 1, "scan": scan, "outcome": outcome, "cause": 0, "text": text }
     );
-    // A line before it was torn by a full disk.
-    let lines = format!("{{\"scan\":3,\"ev{{}}\n{event}\n");
-    std::fs::write(dir.join("events.jsonl"), lines).unwrap();
+    std::fs::write(dir.join(ENDED_FILE), ended.to_string()).unwrap();
 }
 
 #[test]
-fn a_log_without_its_end_is_of_a_run_that_ended_as_the_launcher_saw_it() {
+fn a_log_without_its_end_is_of_a_run_that_ended_as_its_folder_says() {
     for (outcome, kind, reason) in [
-        ("completed", OutcomeKind::Completed, None),
-        ("interrupted", OutcomeKind::Interrupted, None),
-        ("stopped", OutcomeKind::Stopped, Some("tripped")),
-        ("of a later version", OutcomeKind::Stopped, Some("the log")),
+        ("completed", RunOutcome::Completed, None),
+        ("interrupted", RunOutcome::Interrupted, Some("tripped")),
+        ("stopped", RunOutcome::Stopped, Some("tripped")),
+        ("of a later version", RunOutcome::Stopped, Some("the log")),
     ] {
         let dir = tempfile::tempdir().unwrap();
         run_directory(dir.path());
@@ -351,39 +348,13 @@ fn a_log_without_its_end_is_of_a_run_that_ended_as_the_launcher_saw_it() {
         let words = report.outcome.reason.unwrap_or_default();
         assert_eq!(words.is_empty(), reason.is_none(), "{outcome}: {words}");
         assert!(words.contains(reason.unwrap_or_default()), "{words}");
-        assert!(report.log.cut.is_some() && report.samples_lost > 3_000_000);
-    }
-    // A log that shows the end itself is believed.
-    let dir = tempfile::tempdir().unwrap();
-    run_directory(dir.path());
-    note_end(dir.path(), 0, "stopped", "something else");
-    let report = make_report(dir.path()).unwrap();
-    assert_eq!(report.outcome.kind, OutcomeKind::Completed);
-}
-
-#[test]
-fn a_planner_that_was_not_back_when_the_run_was_interrupted_did_not_end_it() {
-    for (outcome, kind) in [
-        ("interrupted", OutcomeKind::Interrupted),
-        ("stopped", OutcomeKind::Stopped),
-    ] {
-        let dir = tempfile::tempdir().unwrap();
-        run_directory(dir.path());
-        let mut evaluation = evaluate(dir.path()).unwrap();
-        evaluation.measurements.outcome = Outcome::Stopped(StopReason::PlannerLost {
-            loss: Loss::Killed,
-            scan: 624,
-        });
-        assert_eq!(Report::new(&evaluation).outcome.kind, OutcomeKind::Stopped);
-        evaluation.ended = Some(Ended {
-            scan: 770,
-            kind: serde_json::from_value(outcome.into()).ok(),
-            text: "the machine is stopped in scan 770".into(),
-        });
-        let report = Report::new(&evaluation);
-        assert_eq!(report.outcome.kind, kind);
-        let reason = report.outcome.reason.unwrap_or_default();
-        assert_eq!(reason.contains("planner killed"), outcome == "stopped");
+        let noted = outcome != "of a later version";
+        assert_eq!(report.samples_lost > 3_000_000, noted, "{outcome}");
+        assert_eq!(
+            report.missing_scans.last().map(|range| range.last),
+            noted.then_some(1_000_000)
+        );
+        assert!(report.log.cut.is_some());
     }
 }
 
@@ -402,7 +373,7 @@ fn a_log_in_parts_gives_one_report_that_says_what_is_missing() {
     let dir = tempfile::tempdir().unwrap();
     run_directory_in_parts(dir.path(), [901..931, 2000..2001]);
     let report = make_report(dir.path()).unwrap();
-    assert_eq!(report.outcome.kind, OutcomeKind::Completed);
+    assert_eq!(report.outcome.kind, RunOutcome::Completed);
     assert_eq!(report.log.cut, None);
     assert_eq!(report.wall_s, None, "nobody knows it of the whole run");
     assert_eq!(report.samples_lost, 31 * 4);

@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use plant_sim::script::rng::Rng;
 
+use crate::size;
 use crate::support::{Bench, circle_program};
 
 /// Longest pause between two things that are done, and longest stop of a process, in ms.
@@ -88,10 +89,12 @@ fn ask(rng: &mut Rng, stays: bool, program: &str) -> Vec<String> {
         &["monitor", "--once", "--json"],
         &["jog", "X", "3"],
     ];
-    match rng.below(14) {
+    match rng.below(17) {
         11 => words(&["down"]),
         12 if stays => words(&["load", program]),
-        13 if stays => words(&["start"]),
+        13 | 14 if stays => words(&["start"]),
+        15 if stays => words(&["reset"]),
+        16 if stays => words(&["mdi", "G91 G1 X0.5 F6000"]),
         other => words(both[other as usize % both.len()]),
     }
 }
@@ -157,7 +160,7 @@ impl Draw {
     pub fn of(seed: u64) -> Draw {
         let mut rng = Rng::new(seed);
         let lockstep = seed % 2 == 1;
-        let stays = rng.one_in(3);
+        let stays = rng.one_in(3) || size::number("UP", 0, 0) == 1;
         let mut draw = Draw {
             pace: if lockstep { "lockstep" } else { "realtime" },
             stays,

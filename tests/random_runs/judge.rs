@@ -1,10 +1,10 @@
 //! What must hold once a run has ended: what was said agrees, and nothing is left.
 
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use bus::sample::Mode;
+use bus::sample::{EndedRun, Mode, RunOutcome};
 use serde_json::Value;
 
 use super::trial::Trial;
@@ -16,6 +16,8 @@ struct Event {
     process: String,
     pid: i64,
     text: String,
+    outcome: String,
+    scan: u64,
 }
 
 fn events_in(out: &Path) -> Vec<Event> {
@@ -28,6 +30,8 @@ fn events_in(out: &Path) -> Vec<Event> {
             process: word("process"),
             pid: value["pid"].as_i64().unwrap_or(-1),
             text: word("text"),
+            outcome: word("outcome"),
+            scan: value["scan"].as_u64().unwrap_or(0),
         })
     });
     lines.collect()
@@ -153,9 +157,7 @@ impl Trial {
         let last = self.eyes.as_ref().and_then(|eyes| eyes.newest);
         let over = self.eyes.as_ref().is_some_and(|eyes| eyes.is_over());
         // An observer's files are its own.
-        if let Some(eyes) = self.eyes.take() {
-            drop(eyes);
-        }
+        let told = self.eyes.take().map_or_else(Vec::new, |eyes| eyes.ended);
         self.judge_left();
         let code = self.ended.and_then(|status| status.code());
         let events = events_in(&self.live.out);
@@ -184,10 +186,74 @@ impl Trial {
         }
         self.expect(code != Some(3) || last.is_none(), &text);
         self.judge_deaths(&events);
+        self.judge_endings(&events, &told);
         if self.draw.stays {
             self.judge_session(code, &events);
         } else {
             self.judge_run(code, &events, last.filter(|_| over));
+        }
+    }
+
+    /// How each run ended: what the master has said stands in its folder, its report, the events and the list of runs.
+    fn judge_endings(&mut self, events: &[Event], told: &[EndedRun]) {
+        let out = self.live.out.clone();
+        let mut folders = vec![(1, out.clone())];
+        if self.draw.stays {
+            let inner = fs::read_dir(&out).into_iter().flatten().flatten();
+            let run = |folder: PathBuf| Some((monitor::run_number(&folder)?, folder));
+            folders = inner.filter_map(|entry| run(entry.path())).collect();
+        }
+        let listed = quadrant().arg("runs").arg(&out).arg("--json").output();
+        let listed = listed.map_or_else(|_| Vec::new(), |listed| listed.stdout);
+        let listed: Value = serde_json::from_slice(&listed).unwrap_or_default();
+        for (run, folder) in folders {
+            let shown = folder.display().to_string();
+            let Some(ended) = json_in(&folder.join("ended.json")) else {
+                self.violated(&format!("{shown}: nobody says how it ended"));
+                continue;
+            };
+            let outcome = ended["outcome"].as_str().unwrap_or("nothing");
+            let scan = ended["scan"].as_u64().unwrap_or(0);
+            if let Some(told) = told.iter().find(|told| told.run == run) {
+                let word = RunOutcome::from_wire(told.outcome).map_or("nothing", RunOutcome::word);
+                self.expect(
+                    (word, told.scan) == (outcome, scan),
+                    &format!("{shown} says {ended}, the master {told:?}"),
+                );
+            }
+            if let Some(report) = json_in(&folder.join("report.json")) {
+                let kind = report.pointer("/outcome/kind").and_then(Value::as_str);
+                let scans = |list: &str, key: &str| {
+                    let all = report[list].as_array().into_iter().flatten();
+                    all.filter_map(|of| of[key].as_u64()).max().unwrap_or(0)
+                };
+                let reached = scans("parts", "last_scan").max(scans("missing_scans", "last"));
+                self.expect(
+                    kind == Some(outcome) && reached == scan,
+                    &format!("{shown} says {ended}, its report {kind:?} up to scan {reached}"),
+                );
+            }
+            let of_run = |event: &&Event| match self.draw.stays {
+                true => event.name == "run ended" && event.text.starts_with(&format!("run {run}")),
+                false => event.name == "ended",
+            };
+            // Two that end between two looks of the launcher are one to it.
+            if let Some(said) = events.iter().find(of_run) {
+                self.expect(
+                    (said.outcome.as_str(), said.scan) == (outcome, scan),
+                    &format!(
+                        "{shown} says {ended}, events {} {}",
+                        said.outcome, said.scan
+                    ),
+                );
+            }
+            let mut list = listed["runs"].as_array().into_iter().flatten();
+            let it = |of: &&Value| of["run"].as_str().is_some_and(|of| of.ends_with(&shown));
+            let known = list.find(it).map(|run| run["outcome"].clone());
+            self.expect(
+                known.is_none_or(|known| known == outcome),
+                &format!("{shown} says {ended}, the list of runs otherwise"),
+            );
         }
     }
 

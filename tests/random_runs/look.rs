@@ -2,7 +2,7 @@
 
 use bus::cell::CellPaths;
 use bus::port::Reader;
-use bus::sample::{Feedback, Mode};
+use bus::sample::{EndedRun, Feedback, Mode};
 use bus::service::{Bus, RECORDER_DEPTH_SCANS, Shape};
 use bus::signal_page::SignalPage;
 
@@ -14,6 +14,8 @@ pub struct Eyes {
     pub newest: Option<Feedback>,
     /// Modes, and the first scan of each.
     modes: Vec<(u64, u32)>,
+    /// How runs ended, as the master has said it.
+    pub ended: Vec<EndedRun>,
     /// Scans before which some were not seen, and the last seen before.
     gaps: Vec<(u64, u64)>,
 }
@@ -32,6 +34,7 @@ impl Eyes {
             _bus: bus,
             newest: None,
             modes: Vec::new(),
+            ended: Vec::new(),
             gaps: Vec::new(),
         })
     }
@@ -51,6 +54,9 @@ impl Eyes {
                 .is_none_or(|(_, mode)| *mode != feedback.mode)
             {
                 self.modes.push((feedback.scan, feedback.mode));
+            }
+            if self.ended.last().map_or(0, |of| of.run) != feedback.ended.run {
+                self.ended.push(feedback.ended);
             }
             self.newest = Some(feedback);
         }

@@ -7,6 +7,9 @@ use super::MAX_AXES;
 
 use crate::table;
 
+/// Value of [`Order::Down`] from a launcher that ends the cell because a process is lost that it needs.
+pub const DOWN_FOR_LOSS: f64 = 1.0;
+
 /// What an operator, or the launcher for him, asks of the master.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
 #[type_name("quadrant/OperatorRequest/6")]
@@ -17,7 +20,7 @@ pub struct OperatorRequest {
     /// Index of the axis, of orders to one axis; of `load` of typed-in blocks, 1 where M2 or M30 ends them.
     pub axis: u32,
     /// Its value: override in percent, distance of a jog in mm, direction of a continuous jog, mm of a wheel's count, number of a program
-    /// to load, line to start at (0: the beginning), axes to home as bits.
+    /// to load, line to start at (0: the beginning), axes to home as bits, [`DOWN_FOR_LOSS`].
     pub value: f64,
     /// Speed of a jog, in mm/s; 0 for that of the machine file.
     pub speed_mm_s: f64,

@@ -113,6 +113,11 @@ impl AxisUnit {
         self.feedback_position() as f64 * self.settings.increment_mm() - compensation_mm
     }
 
+    /// What the drive says of its fault; 0 for nothing.
+    pub fn fault_code(&self) -> u32 {
+        self.fault_code
+    }
+
     /// What is wrong with the drive of an axis that is to be driven.
     pub fn drive_cause(&self) -> Cause {
         match self.drive.state {

@@ -1,10 +1,11 @@
 //! Programs of a cell that stays up: loaded, started, done, discarded.
 
-use bus::sample::{Cause, Mode, OperatorRequest, ProgramState, Refused};
+use bus::sample::{Cause, EndedRun, Mode, OperatorRequest, Order, ProgramState, Refused};
 
 use crate::drives::Drives;
 
 use super::Master;
+use super::axis_unit::AxisUnit;
 use super::orders::{Refusal, whole_number};
 use super::program::TypedBlocks;
 
@@ -32,6 +33,7 @@ impl<D: Drives> Master<D> {
         }
         if self.program.is_running() {
             self.auxiliary.discard_program();
+            self.note_end(Some(Order::Load));
         }
         self.read_program(number, None);
         Ok(())
@@ -148,10 +150,15 @@ impl<D: Drives> Master<D> {
             ProgramState::Loading => return Err(Refused::Loading.into()),
             ProgramState::Loaded | ProgramState::Running | ProgramState::Done => {}
         }
+        // Why it has stopped is known until it is acknowledged.
+        let ended = self.end_of_run(self.scan, Some(Order::Reset));
         match self.mode() {
             Mode::Tripped => self.acknowledge(true)?,
             Mode::Disabled => {}
             _ => self.must_rest()?,
+        }
+        if self.program.is_running() {
+            self.program.note_end(ended);
         }
         if matches!(self.mode(), Mode::Enabled | Mode::Stopped) {
             self.modes.enter(Mode::Ready);
@@ -174,10 +181,26 @@ impl<D: Drives> Master<D> {
         Ok(())
     }
 
+    /// How a run that ends now does, in its last scan.
+    pub(super) fn end_of_run(&self, scan: u64, order: Option<Order>) -> EndedRun {
+        let ended = self.modes.end_run(scan, order);
+        let axis = self.axes.get(ended.cause_axis as usize);
+        EndedRun {
+            drive_code: axis.map_or(0, AxisUnit::fault_code),
+            ..ended
+        }
+    }
+
+    /// The run that was begun ends in this scan.
+    fn note_end(&mut self, order: Option<Order>) {
+        let ended = self.end_of_run(self.scan, order);
+        self.program.note_end(ended);
+    }
+
     /// Comes to rest, on the path or where a jog is, then ends the run, also that of a cell that stays up: it was ordered to, or the
-    /// launcher is gone. Nothing takes that back.
-    pub fn end_after_stop(&mut self) {
-        self.modes.order_end();
+    /// launcher is gone; whether for the loss of a process. Nothing takes that back.
+    pub fn end_after_stop(&mut self, for_loss: bool) {
+        self.modes.order_end(for_loss);
         if self.mode() == Mode::Ready {
             self.modes.enter(Mode::Stopped);
         }
@@ -198,6 +221,7 @@ impl<D: Drives> Master<D> {
         } else {
             self.auxiliary.discard_program();
         }
+        self.note_end(None);
         self.program.end(done, self.scan);
         if self.program.is_typed() {
             // It was for them.

@@ -1,6 +1,6 @@
 //! What the machine is in and why: the mode, the cause of a stop, the hold, and whether the run ends. Nothing else changes them.
 
-use bus::sample::{Cause, Feedback, Mode};
+use bus::sample::{Cause, EndedRun, Feedback, Mode, Order, RunOutcome};
 use machine::Machine;
 
 use super::RunEnd;
@@ -8,6 +8,10 @@ use crate::saved::Latches;
 
 /// Longest wait for the in-position window at the programmed end, in s.
 const IN_POSITION_PATIENCE_S: f64 = 5.0;
+
+/// Why a cell ends, in [`Latches::ends`]: it was ordered to, or that is for the loss of a process.
+const ORDERED: u32 = 1;
+const FOR_LOSS: u32 = 2;
 
 /// Why the machine has stopped, or an order was given up.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -42,6 +46,8 @@ pub(super) struct Modes {
     may_end: bool,
     /// The cell was ordered to end, or its launcher is gone: nothing brings it back.
     ordered_to_end: bool,
+    /// It was because a process is lost.
+    ends_for_loss: bool,
     /// The feedback of this scan is the last.
     last: bool,
     /// Scans at rest at the end of a program or run, and the number after which that is left.
@@ -69,6 +75,7 @@ impl Modes {
             run_end,
             may_end: false,
             ordered_to_end: false,
+            ends_for_loss: false,
             last: false,
             settled_scans: 0,
             settle_scans: machine.scan.settle_scans,
@@ -84,8 +91,8 @@ impl Modes {
         self.override_percent = latches.override_percent.min(self.override_max_percent);
         self.hold = latches.hold == 1;
         self.may_end = latches.may_end == 1;
-        if latches.ends == 1 {
-            self.order_end();
+        if latches.ends != 0 {
+            self.order_end(latches.ends == FOR_LOSS);
             self.may_end = true;
         }
         self.mode = Mode::Disabled;
@@ -99,7 +106,11 @@ impl Modes {
         latches.override_percent = self.override_percent;
         latches.hold = u32::from(self.hold);
         latches.may_end = u32::from(self.may_end || self.ends() && stops);
-        latches.ends = u32::from(self.ordered_to_end);
+        latches.ends = match (self.ordered_to_end, self.ends_for_loss) {
+            (false, _) => 0,
+            (true, false) => ORDERED,
+            (true, true) => FOR_LOSS,
+        };
     }
 
     /// What everybody obeys.
@@ -281,9 +292,29 @@ impl Modes {
     }
 
     /// The run ends, also of a cell that stays up; nothing takes that back.
-    pub fn order_end(&mut self) {
+    pub fn order_end(&mut self, for_loss: bool) {
         self.run_end = RunEnd::AfterProgram;
         self.ordered_to_end = true;
+        self.ends_for_loss |= for_loss;
+    }
+
+    /// How a run that ends now does, in its last scan and by this order if by one.
+    pub fn end_run(&self, scan: u64, order: Option<Order>) -> EndedRun {
+        let outcome = match (self.mode, self.reason.cause) {
+            (Mode::Finished, _) => RunOutcome::Completed,
+            (_, Cause::None) if !self.ends_for_loss => RunOutcome::Interrupted,
+            _ => RunOutcome::Stopped,
+        };
+        EndedRun {
+            scan,
+            cause_scan: self.reason.scan,
+            outcome: outcome as u32,
+            mode: self.mode as u32,
+            cause: self.reason.cause as u32,
+            cause_axis: self.reason.axis,
+            order: order.map_or(0, |order| order as u32),
+            ..EndedRun::default()
+        }
     }
 
     pub fn is_ordered_to_end(&self) -> bool {

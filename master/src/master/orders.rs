@@ -2,7 +2,7 @@
 //!
 //! The table of states and orders is docs/reference/orders.md.
 
-use bus::sample::{Cause, Mode, OperatorRequest, OperatorResponse, Order, Refused};
+use bus::sample::{Cause, DOWN_FOR_LOSS, Mode, OperatorRequest, OperatorResponse, Order, Refused};
 
 use crate::drives::Drives;
 
@@ -106,7 +106,7 @@ impl<D: Drives> Master<D> {
             Some(Order::Reset) => self.order_reset(),
             Some(Order::SingleBlock) => self.auxiliary.switch_single_block(request.value),
             Some(Order::Down) => {
-                self.end_after_stop();
+                self.end_after_stop(request.value == DOWN_FOR_LOSS);
                 Ok(())
             }
             None => Err(Refused::UnknownOrder.into()),

@@ -1,5 +1,5 @@
 //! The program of a cell: loaded, started, done; and when a run ends by itself.
-use bus::sample::{Feedback, Mode, ProgramState};
+use bus::sample::{EndedRun, Feedback, Mode, ProgramState};
 
 use crate::saved::Latches;
 
@@ -28,6 +28,8 @@ pub(super) struct Loaded {
     typed: Option<TypedBlocks>,
     /// The first scan whose feedback shows that its last run is over.
     over_from: u64,
+    /// The run that ended last.
+    ended: EndedRun,
 }
 
 /// Typed-in blocks: they begin as soon as they are read, and are never the program that `start` begins.
@@ -52,6 +54,7 @@ impl Loaded {
             run,
             typed: None,
             over_from: 0,
+            ended: EndedRun::default(),
         }
     }
 
@@ -59,6 +62,7 @@ impl Loaded {
     pub fn resume(&mut self, latches: &Latches) {
         self.load = latches.load;
         self.run = latches.run;
+        self.ended = latches.ended;
         self.typed = (latches.typed != 0).then_some(TypedBlocks {
             before: latches.typed_before,
             end_program: latches.typed == TYPED_WITH_END,
@@ -75,6 +79,7 @@ impl Loaded {
         feedback.load = self.load;
         feedback.program = self.state as u32;
         feedback.run = self.run;
+        feedback.ended = self.ended;
     }
 
     /// What must outlive this master.
@@ -82,6 +87,7 @@ impl Loaded {
         latches.load = self.load;
         latches.program = self.state as u32;
         latches.run = self.run;
+        latches.ended = self.ended;
         (latches.typed, latches.typed_before) = self.typed_latches();
     }
 
@@ -127,6 +133,14 @@ impl Loaded {
             ProgramState::Done
         } else {
             ProgramState::Loaded
+        };
+    }
+
+    /// Its run ended so.
+    pub fn note_end(&mut self, ended: EndedRun) {
+        self.ended = EndedRun {
+            run: self.run,
+            ..ended
         };
     }
 

@@ -71,8 +71,10 @@ impl<D: Drives> Master<D> {
         }
     }
 
-    /// Drives on: at once where they all follow commands already, otherwise as soon as they do. A trip ends with it.
+    /// Drives on: at once where they all follow commands already, otherwise as soon as they do. A trip ends with it; typed-in blocks that
+    /// it has stopped are given up while it is known why.
     pub(super) fn switch_on(&mut self, hold: bool) {
+        self.leave_typed_blocks();
         if self.axes.drives_follow() && !self.gantries.must_align(&self.axes) {
             self.end_trip(hold);
             return;
@@ -112,7 +114,6 @@ impl<D: Drives> Master<D> {
 
     /// Ends a trip: drives on, where the axes are. Without a program that was started there is nothing to hold.
     fn end_trip(&mut self, hold: bool) {
-        self.leave_typed_blocks();
         if self.program.is_running() {
             self.modes.go_on(hold);
         } else {

@@ -1,4 +1,4 @@
-//! How a run ended, how a process died and what the machine did about it: as types here, as words in the reports.
+//! How a process died and what the machine did about it: as types here, as words in the reports.
 
 use std::fmt;
 
@@ -7,70 +7,8 @@ use serde::{Serialize, Serializer};
 
 use monitor::words::StopCause;
 
-/// How a run ended, as the samples show it.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Outcome {
-    /// The program is done and the machine in position.
-    Completed,
-    /// Stopped by the operator, at rest on the path.
-    Interrupted,
-    /// Stopped for a reason.
-    Stopped(StopReason),
-}
-
-/// Why a run was stopped.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub enum StopReason {
-    /// Nothing is known of it.
-    NoFeedback,
-    /// The planner was lost and not replaced.
-    PlannerLost {
-        /// How.
-        loss: Loss,
-        /// When.
-        scan: u64,
-    },
-    /// The machine stopped, or tripped, for the cause that its feedback names.
-    Cause(StopCause),
-    /// The last feedback shows a machine that has not come to an end.
-    LogEnds {
-        /// Its scan.
-        scan: u64,
-        /// The mode; none if it is not known here.
-        mode: Option<Mode>,
-    },
-}
-
-impl StopReason {
-    /// Whether the log does not tell how a run ended whose last scan this was.
-    pub fn is_unknown(&self, last_scan: u64) -> bool {
-        match self {
-            StopReason::NoFeedback => true,
-            StopReason::LogEnds { scan, .. } => *scan < last_scan,
-            StopReason::PlannerLost { .. } | StopReason::Cause(_) => false,
-        }
-    }
-}
-
-impl fmt::Display for StopReason {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            StopReason::NoFeedback => f.write_str("the log holds no feedback"),
-            StopReason::PlannerLost { loss, scan } => write!(
-                f,
-                "planner {loss} in scan {scan}; the machine came to rest on the path"
-            ),
-            StopReason::Cause(cause) => cause.fmt(f),
-            StopReason::LogEnds { scan, mode } => write!(
-                f,
-                "the log ends at scan {scan} with the machine {}",
-                mode_word(*mode)
-            ),
-        }
-    }
-}
-
-pub(super) fn mode_word(mode: Option<Mode>) -> &'static str {
+/// A mode, where it is known here.
+pub(crate) fn mode_word(mode: Option<Mode>) -> &'static str {
     mode.map_or("in an unknown mode", Mode::word)
 }
 

@@ -300,7 +300,7 @@ fn missing_samples_are_counted_and_the_rest_is_measured() {
     // Feedback and instruments of three scans, instruments of one, one command.
     assert_eq!(measured.samples_lost, 3 + 3 + 1 + 1);
     assert_eq!(measured.missing_scans, [(200, 202)]);
-    assert_eq!(measured.outcome, Outcome::Completed);
+    assert!(measured.is_completed());
 }
 
 #[test]
@@ -389,62 +389,42 @@ fn setpoints_that_are_split_evenly_are_judged_on_the_means_of_their_periods() {
 }
 
 #[test]
-fn a_trip_is_reported_with_axis_and_cause() {
+fn how_a_run_ended_is_what_its_last_feedback_says_of_it() {
     let mut feedback: Feedback = bytemuck::Zeroable::zeroed();
-    feedback.mode = Mode::Tripped as u32;
-    feedback.cause = Cause::FollowingError as u32;
-    feedback.cause_axis = 1;
-    let reported = outcome(&machine(&["X", "Y"]), Some(&feedback), false, &[]);
-    let Outcome::Stopped(reason) = reported else {
-        panic!("{reported:?}");
+    let told = |feedback: &Feedback| ended(&machine(&["X", "Y"]), Some(feedback));
+    feedback.run = 3;
+    assert_eq!(told(&feedback), None, "it goes on");
+    feedback.ended = EndedRun {
+        scan: 700,
+        run: 3,
+        outcome: RunOutcome::Stopped as u32,
+        mode: Mode::Tripped as u32,
+        cause: Cause::FollowingError as u32,
+        cause_axis: 1,
+        ..EndedRun::default()
     };
-    assert_eq!(
-        reason.to_string(),
-        "axis Y: following error beyond its limit"
-    );
-    feedback.mode = Mode::Stopped as u32;
-    feedback.cause = Cause::None as u32;
-    assert_eq!(
-        outcome(&machine(&["X", "Y"]), Some(&feedback), false, &[]),
-        Outcome::Interrupted
-    );
-    let fault = faults::FaultResult {
-        scan: 900,
-        process: "planner".into(),
-        kind: outcome::Loss::Killed,
-        noticed_after_scans: Some(1),
-        reaction: outcome::Reaction::None,
-        contour_error_mm: 0.0,
-        brake_distance_mm: None,
-        deviation_mm: None,
-        resumed_at_scan: None,
+    let tripped = told(&feedback).unwrap();
+    assert_eq!((tripped.run, tripped.scan), (3, 700));
+    assert_eq!(tripped.outcome, RunOutcome::Stopped);
+    assert_eq!(tripped.text, "axis Y: following error beyond its limit");
+    assert!(tripped.is_whole());
+    // Of the run before.
+    feedback.run = 4;
+    assert_eq!(told(&feedback), None);
+    feedback.ended = EndedRun {
+        run: 4,
+        outcome: RunOutcome::Interrupted as u32,
+        order: Order::Reset as u32,
+        ..EndedRun::default()
     };
-    let resumed = faults::FaultResult {
-        resumed_at_scan: Some(1200),
-        ..fault.clone()
-    };
-    assert_eq!(
-        outcome(&machine(&["X", "Y"]), Some(&feedback), true, &[resumed]),
-        Outcome::Interrupted,
-        "a planner that was replaced did not end the run"
-    );
-    assert!(
-        matches!(
-            outcome(&machine(&["X", "Y"]), Some(&feedback), true, std::slice::from_ref(&fault)),
-            Outcome::Stopped(reason) if reason.to_string().contains("planner killed in scan 900")
-        ),
-        "a machine stopped because its planner is gone was not interrupted"
-    );
-    assert_eq!(
-        outcome(&machine(&["X", "Y"]), Some(&feedback), false, &[fault]),
-        Outcome::Interrupted,
-        "a planner that was replaced and waits did not end the run"
-    );
-    feedback.mode = 77;
-    assert!(matches!(
-        outcome(&machine(&["X"]), Some(&feedback), false, &[]),
-        Outcome::Stopped(_)
-    ));
+    let given_up = told(&feedback).unwrap();
+    assert_eq!(given_up.outcome, RunOutcome::Interrupted);
+    assert_eq!(given_up.text, "ended by the order reset");
+    // For a process that is lost, of which the launcher knows.
+    feedback.ended.outcome = RunOutcome::Stopped as u32;
+    assert!(told(&feedback).is_some_and(|of| !of.is_whole()));
+    feedback.ended.outcome = 77;
+    assert_eq!(told(&feedback), None);
 }
 
 #[test]

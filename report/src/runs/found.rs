@@ -11,11 +11,11 @@ use bus::cell::CellPaths;
 use bus::observer::Observer;
 use chrono::{DateTime, SecondsFormat, Utc};
 use launcher::retention::{RUNS, bytes_of, folders, is_open};
+use monitor::ended::Ended;
 use monitor::log::LOG_FILE;
 use monitor::{MARK_FILE, run_number};
 use serde_json::{Value, json};
 
-use crate::outcome::ended;
 use crate::rounded::r3;
 
 /// Levels below a folder in which runs are: those of a cell lie in the folder of the cell.
@@ -87,9 +87,8 @@ pub(super) fn report_of(run: &Path) -> Value {
 
 fn known_of(run: &Path, began: DateTime<Utc>) -> Value {
     let report = report_of(run);
-    let ended = ended(run);
+    let ended = Ended::read(run);
     let under_way = ended.is_none() && is_busy(run) && is_last(run);
-    let outcome = ended.and_then(|ended| ended.kind);
     let period_us = report["scan_period_us"].as_f64();
     let took = report["scans"].as_f64().zip(period_us);
     // Of all slides, and of all rotary axes.
@@ -103,7 +102,7 @@ fn known_of(run: &Path, began: DateTime<Utc>) -> Value {
         "run": run.to_string_lossy(),
         "began": began.to_rfc3339_opts(SecondsFormat::Secs, true),
         "program": report["program"],
-        "outcome": outcome.map_or(report["outcome"]["kind"].clone(), |kind| json!(kind)),
+        "outcome": ended.map_or(report["outcome"]["kind"].clone(), |ended| json!(ended.outcome.word())),
         "under_way": under_way,
         "took_s": took.map(|(scans, period_us)| r3(scans * period_us * 1e-6)),
         "contour_error_um": report["contour_error_um"]["peak"],

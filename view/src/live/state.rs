@@ -2,9 +2,10 @@
 
 use bus::sample::{Auxiliaries, Cause, FLOOD, Feedback, Job, MIST, Mode};
 use machine::Process;
+use monitor::ended::Ended;
 use remote::state::{
-    AuxiliaryState, AxisState, BusState, CauseState, CellState, CircleState, Death, MessageState,
-    ProcessState, ProgramState, TimingState,
+    AuxiliaryState, AxisState, BusState, CauseState, CellState, CircleState, Death, LastRun,
+    MessageState, ProcessState, ProgramState, TimingState,
 };
 
 use super::axis::AxisView;
@@ -133,6 +134,14 @@ fn program(model: &Model) -> ProgramState {
         percent: round(model.share_done().map(|share| share * 100.0), 2),
         path_done_mm: round(planner.map(|status| status.path_done_mm), 4),
         path_length_mm: round(planner.map(|status| status.path_length_mm), 4),
+        last_run: feedback
+            .and_then(|now| Ended::told(&model.machine, now, now.ended.run))
+            .map(|ended| LastRun {
+                run: ended.run,
+                outcome: ended.outcome.word().into(),
+                scan: ended.scan,
+                why: ended.text,
+            }),
     }
 }
 

@@ -53,6 +53,11 @@ pub fn status(state: &CellState, machine: &Machine) -> String {
     if let Some(words) = progress(&state.program) {
         let _ = write!(text, "\n  {words}");
     }
+    if let Some(last) = &state.program.last_run {
+        let why = if last.why.is_empty() { "" } else { ": " };
+        let (run, outcome) = (last.run, &last.outcome);
+        let _ = write!(text, "\n  run {run} {outcome}{why}{}", last.why);
+    }
     readout(&mut text, state, machine);
     axes(&mut text, state);
     for alarm in state.axes.iter().filter_map(|axis| axis.alarm.as_ref()) {

@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 use std::f64::consts::PI;
 use std::fmt::Write as _;
 
-use ::report::measure::{Analysis, Outcome as RunOutcome};
+use ::report::measure::Analysis;
 use bus::sample::{Instruments, Mode};
 use machine::Machine;
 use monitor::log::Sample;
@@ -113,9 +113,9 @@ impl Workload {
             }
         }
         let measured = analysis.finish();
-        let completed = measured.outcome == RunOutcome::Completed;
+        let completed = measured.is_completed();
         if !completed && stopped.is_none() {
-            stopped = Some(format!("{:?}", measured.outcome));
+            stopped = Some(format!("{:?}", measured.ended));
         }
         let worst = lines.iter().map(|lines| {
             let of_circle = measured.reversals.iter().filter(|reversal| {
