@@ -16,5 +16,7 @@ pub mod promises;
 pub mod reading;
 pub mod recording;
 pub mod soak;
+pub mod staying;
+pub mod stock;
 pub mod suite;
 pub mod tampering;

@@ -81,6 +81,9 @@ pub enum BenchCommand {
     /// Quadrant protrusions on machines of another structure than the controller's model: friction by place and direction, LuGre, noise,
     /// lost motion with hysteresis, modes, cutting forces, a soft frame, cross-talk; or on random ones
     Plants(PlantsOptions),
+    /// Every procedure of an operator (homing, tool change, probing, jog, return to the path …) interrupted in every step by orders, trips, faults
+    /// of drives and deaths, once and again: whether the machine can be moved afterwards, as it says
+    Procedures(ProceduresOptions),
     /// Speed and memory of `quadrant report` on a long log, beside reading, decompressing and checking the same bytes
     Report(BenchReportOptions),
     /// Instructions and time of the parts of a scan, and whether the instructions are those that are expected
@@ -89,7 +92,7 @@ pub enum BenchCommand {
     Simulation(SimulationOptions),
     /// How punctually the scans of a cell in realtime begin, beside a bare loop in the same seconds, idle and with every core busy
     Wakeup(WakeupOptions),
-    /// Adds up what the parts of `bench faults` and `bench plants --random` have found
+    /// Adds up what the parts of `bench faults`, `bench procedures` and `bench plants --random` have found
     Merge(MergeOptions),
 }
 
@@ -207,6 +210,35 @@ pub struct PlantsOptions {
     /// Runs at the same time
     #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u64).range(1..=64))]
     pub jobs: u64,
+}
+
+/// What `quadrant-lab bench procedures` takes.
+#[derive(Debug, Clone, Args)]
+#[command(
+    after_help = "As many seeds as the table of procedures, steps and interruptions has cells take each cell once. Each seed draws\nbesides what comes later, while the machine is brought on again. Exit status 1: a seed violates a rule; the\ncommand that repeats it is printed."
+)]
+pub struct ProceduresOptions {
+    /// Folder of a mill, with machine.toml and plant.toml and axes X, Y and Z; the other machines are made
+    #[arg(default_value = "machines/xyz-mill")]
+    pub machine: PathBuf,
+    /// How many seeds [default: as many as the table has cells]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    pub seeds: Option<u64>,
+    /// The first seed
+    #[arg(long, value_name = "SEED", default_value_t = 1)]
+    pub from: u64,
+    /// Part I of N of them: every Nth
+    #[arg(long, value_name = "I/N", default_value = "1/1")]
+    pub part: PartOf,
+    /// File for a line of JSON for each of them, as `bench merge` reads them
+    #[arg(long, value_name = "FILE")]
+    pub lines: Option<PathBuf>,
+    /// Runs at the same time
+    #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u64).range(1..=64))]
+    pub jobs: u64,
+    /// Print what each seed stands for, what was ordered, and what became of it
+    #[arg(short, long)]
+    pub verbose: bool,
 }
 
 /// What `quadrant-lab bench report` takes.

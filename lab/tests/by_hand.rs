@@ -81,8 +81,6 @@ struct Bench {
     random: Rng,
     number: u32,
     what: String,
-    /// Text of the program that is loaded.
-    program: Option<String>,
 }
 
 /// Whether a program moves the axes.
@@ -102,7 +100,6 @@ impl Bench {
             random: Rng::new(seed),
             number: 0,
             what: format!("{name}, seed {seed}"),
-            program: None,
         };
         bench.look();
         bench

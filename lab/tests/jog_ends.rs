@@ -5,7 +5,7 @@ use crate::common::{self, staying::Cell};
 use crate::size;
 use bus::sample::{Cause, MAX_AXES, Mode, OperatorRequest, OperatorResponse, Order, Refused};
 use machine::Machine;
-use plant_sim::plant_file::{PlantFile, PlantPlane, PlantProbe};
+use plant_sim::plant_file::PlantFile;
 use plant_sim::script::rng::Rng;
 
 const SESSION: u32 = 9;
@@ -179,21 +179,7 @@ fn a_renewal_that_is_refused_for_one_axis_changes_none() {
 /// The mill with a probe above a plane, in mm of Z.
 fn mill(surface_mm: f64) -> Cell {
     let (machine, mut plant) = common::load("xyz-mill");
-    plant.probe = Some(PlantProbe {
-        tip_radius_mm: 2.0,
-        length_mm: 0.0,
-        overtravel_mm: 5.0,
-        repeatability_um: 0.0,
-        seed: 1,
-        planes: vec![PlantPlane {
-            point_mm: [0.0, 0.0, surface_mm],
-            normal: [0.0, 0.0, 1.0],
-        }],
-        boxes: vec![],
-        spheres: vec![],
-        cylinders: vec![],
-        bores: vec![],
-    });
+    plant.probe = Some(common::stock::probe_above(surface_mm));
     ready(machine, plant)
 }
 

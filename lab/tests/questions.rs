@@ -9,8 +9,9 @@ use bus::sample::{
     AnswerOutcome, Cause, Feedback, Instruments, Mode, OperatorRequest, Order, PATH_AXES, Waiting,
 };
 use lab::cell::{InProcessCell, Script};
+use lab::stock::probe_above;
 use machine::{Machine, PositionFeedback};
-use plant_sim::plant_file::{PlantFile, PlantInput, PlantPlane, PlantProbe};
+use plant_sim::plant_file::{PlantFile, PlantInput};
 use plant_sim::script::faults;
 use plant_sim::script::rng::Rng;
 
@@ -26,21 +27,7 @@ fn mill() -> (Machine, PlantFile) {
     machine.program.work_offset_mm.clear();
     machine.program.probe = true;
     let mut plant = PlantFile::load(&folder.join("plant.toml")).expect("plant.toml");
-    plant.probe = Some(PlantProbe {
-        tip_radius_mm: TIP_MM,
-        length_mm: 0.0,
-        overtravel_mm: 5.0,
-        repeatability_um: 0.0,
-        seed: 1,
-        planes: vec![PlantPlane {
-            point_mm: [0.0, 0.0, SURFACE_MM],
-            normal: [0.0, 0.0, 1.0],
-        }],
-        boxes: vec![],
-        spheres: vec![],
-        cylinders: vec![],
-        bores: vec![],
-    });
+    plant.probe = Some(probe_above(SURFACE_MM));
     (machine, plant)
 }
 

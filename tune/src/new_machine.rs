@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, anyhow, bail};
 use bus::cell::is_cell_name;
 use console::exit::{Kind, Outcome};
-use console::output::say;
+use console::output::{joined, say};
 use launcher::check::{self, Depth};
 
 use crate::options::NewMachineOptions;
@@ -25,34 +25,35 @@ const MICROSTEPS_US: [f64; 7] = [25.0, 12.5, 5.0, 2.5, 1.25, 2.0, 1.0];
 /// Axes of a machine that somebody is asked about.
 const EXAMPLE: &str = "quadrant new machine my-machine --axis X:travel=-200..200,lead=10 --axis Y:travel=-150..150,lead=10";
 
-/// Writes the folder of a new machine.
+/// Writes the folder of a new machine, and says what can be done with it.
 pub fn new_machine(options: &NewMachineOptions) -> Outcome {
-    if options.folder.exists() {
-        return Err(anyhow!(
-            "{} is there already: give the new machine another folder",
-            options.folder.display()
-        ))
-        .input();
-    }
-    let name = cell_name(options).input()?;
-    let axes = axes(options).input()?;
-    write(options, &name, &axes).input()?;
+    say(&written(options).input()?);
+    Ok(())
+}
+
+/// Writes the folder of a new machine; what can be done with it.
+///
+/// # Errors
+/// The folder is there already or cannot be written, or no machine has such axes.
+pub fn written(options: &NewMachineOptions) -> anyhow::Result<String> {
     let folder = options.folder.display();
-    say(&format!(
+    if options.folder.exists() {
+        bail!("{folder} is there already: give the new machine another folder");
+    }
+    let name = cell_name(options)?;
+    let axes = axes(options)?;
+    write(options, &name, &axes)?;
+    Ok(format!(
         "{folder}: machine {name}, {}\n\n  \
          {folder}/machine.toml      what the controller knows\n  \
          {folder}/plant.toml        what is true of the simulated machine\n  \
          {folder}/{}   a program to begin with\n\n\
          {}\n  \
          quadrant new machine --help      what an axis can be given",
-        axes.iter()
-            .map(NewAxis::summary)
-            .collect::<Vec<_>>()
-            .join("; "),
+        joined(axes.iter().map(NewAxis::summary), "; "),
         files::PROGRAM,
         next(&options.folder, &axes),
-    ));
-    Ok(())
+    ))
 }
 
 /// What to do with the new folder.

@@ -13,6 +13,7 @@ mod long_program;
 mod machines;
 mod planning;
 pub(crate) mod plants;
+mod procedures;
 mod progress;
 mod punctuality;
 mod report;
@@ -24,7 +25,7 @@ mod wakeup;
 mod watchers;
 mod windows;
 
-use crate::options::{BenchCommand, BenchOptions, FaultsOptions};
+use crate::options::{BenchCommand, BenchOptions, FaultsOptions, ProceduresOptions};
 use console::exit::Outcome;
 use console::logs;
 use figures::Figures;
@@ -55,6 +56,7 @@ fn one(command: BenchCommand, figures: &mut Figures) -> Outcome {
         BenchCommand::Merge(options) => campaign::merge(&options),
         BenchCommand::Planning(options) => planning::planning(&options, figures),
         BenchCommand::Plants(options) => plants::plants(&options, figures),
+        BenchCommand::Procedures(options) => procedures::procedures(&options, figures),
         BenchCommand::Report(options) => report::report(&options, figures),
         BenchCommand::Scan(options) => scan::scan(&options, figures),
         BenchCommand::Simulation(options) => simulation::simulation(&options, figures),
@@ -68,4 +70,12 @@ fn one(command: BenchCommand, figures: &mut Figures) -> Outcome {
 /// A seed violates an invariant.
 pub fn faults(options: &FaultsOptions) -> Outcome {
     faults::faults(options, &mut Figures::default())
+}
+
+/// Every procedure, interrupted in every step.
+///
+/// # Errors
+/// A seed violates a rule.
+pub fn procedures(options: &ProceduresOptions) -> Outcome {
+    procedures::procedures(options, &mut Figures::default())
 }

@@ -1,6 +1,6 @@
 //! What comes between clicks beside other clicks: blocks, programs, orders, deaths.
 
-use bus::sample::{Job, MAX_AXES, Mode, OperatorRequest, Order, ProgramState, Refused};
+use bus::sample::{Job, MAX_AXES, Mode, Order, ProgramState, Refused};
 use machine::{Machine, PositionFeedback};
 use plant_sim::script::rng::Rng;
 
@@ -123,21 +123,10 @@ impl Bench {
     /// Has the cell take blocks, typed in or as a program.
     fn loads(&mut self, typed: bool) -> [i64; MAX_AXES] {
         let (text, ways) = self.blocks();
-        let mut request = OperatorRequest {
-            order: Order::Load as u32,
-            ..OperatorRequest::default()
+        let request = match typed {
+            true => self.cell.typed_of(&text),
+            false => self.cell.load_of(&(text + "M2\n")),
         };
-        if typed {
-            request.session = self.cell.now.load + 1;
-            request.value = f64::from(self.cell.lay(&text));
-            if let Some(before) = self.program.clone() {
-                request.deadline_scans = self.cell.lay(&before);
-            }
-        } else {
-            let program = text + "M2\n";
-            request.value = f64::from(self.cell.lay(&program));
-            self.program = Some(program);
-        }
         let refused = Refused::from_wire(self.cell.ask(&request).reason);
         assert_eq!(refused, Some(Refused::Not), "{}: load", self.what);
         ways

@@ -1,16 +1,20 @@
 //! What the tests share.
 
-pub mod staying;
+pub use lab::staying;
+pub use lab::stock::{self, AT_SPEED_SHARE, new_machine};
 
 use std::path::Path;
 
 use bus::sample::{Feedback, Mode, OperatorRequest, Order};
-use machine::{Machine, Spindle, ToolChange, ToolChanger};
-use plant_sim::plant_file::{PlantFile, PlantSpindle, PlantToolChanger};
-use tune::options::NewMachineOptions;
+use machine::Machine;
+use plant_sim::plant_file::PlantFile;
 
-/// Of [`mill_with_spindle`].
-pub const AT_SPEED_SHARE: f64 = 0.05;
+/// The mill with a spindle and a tool changer.
+pub fn mill_with_spindle() -> (Machine, PlantFile) {
+    let (mut machine, mut plant) = load("xyz-mill");
+    stock::equip(&mut machine, &mut plant);
+    (machine, plant)
+}
 
 /// A machine that comes with the product, and its plant; programs begin at its zero.
 pub fn load(name: &str) -> (Machine, PlantFile) {
@@ -20,45 +24,6 @@ pub fn load(name: &str) -> (Machine, PlantFile) {
     let mut machine = Machine::load(&folder).expect("machine.toml");
     machine.program.work_offset_mm.clear();
     let plant = PlantFile::load(&folder.join("plant.toml")).expect("plant.toml");
-    (machine, plant)
-}
-
-/// As `quadrant new machine` writes it from these axes.
-pub fn new_machine(axes: &[&str]) -> (Machine, PlantFile) {
-    let folder = tempfile::tempdir().expect("a folder");
-    let written = folder.path().join("new");
-    let options = NewMachineOptions {
-        folder: written.clone(),
-        axis: axes.iter().map(|axis| (*axis).to_owned()).collect(),
-        name: None,
-        scan_us: 1000,
-    };
-    assert!(tune::new_machine::new_machine(&options).is_ok(), "{axes:?}");
-    let machine = Machine::load(&written).expect("machine.toml");
-    let plant = PlantFile::load(&written.join("plant.toml")).expect("plant.toml");
-    (machine, plant)
-}
-
-/// The mill with a spindle and a tool changer.
-pub fn mill_with_spindle() -> (Machine, PlantFile) {
-    let (mut machine, mut plant) = load("xyz-mill");
-    machine.spindle = Some(Spindle {
-        speed_min_rpm: 100.0,
-        speed_max_rpm: 8000.0,
-        at_speed_percent: 100.0 * AT_SPEED_SHARE,
-        patience_s: 4.0,
-        ..Spindle::default()
-    });
-    machine.tool_change = ToolChange {
-        by: ToolChanger::Changer,
-        patience_s: 3.0,
-    };
-    plant.spindle = Some(PlantSpindle {
-        acceleration_rpm_s: 6000.0,
-        orientation_rpm: 120.0,
-        ..PlantSpindle::default()
-    });
-    plant.tool_changer = Some(PlantToolChanger { change_s: 0.25 });
     (machine, plant)
 }
 

@@ -3,7 +3,7 @@
 use anyhow::{Context, anyhow};
 
 use super::lines::{self, Line};
-use crate::bench::{faults, plants};
+use crate::bench::{faults, plants, procedures};
 use crate::options::MergeOptions;
 use console::exit::{Kind, Outcome};
 use console::output::say;
@@ -27,6 +27,7 @@ pub fn merge(options: &MergeOptions) -> Outcome {
     }
     match campaign.bench.as_str() {
         faults::NAME => faults::merge(&campaign, lines)?,
+        procedures::NAME => procedures::merge(&campaign, lines)?,
         plants::NAME => plants::merge(&campaign, lines, options.out.as_deref())?,
         other => return Err(anyhow!("there is no campaign {other:?}")).input(),
     }

@@ -5,16 +5,21 @@ use std::sync::Arc;
 
 use bus::sample::{
     AxisCommand, Cause, Feedback, Job, Mode, OperatorRequest, OperatorResponse, Order,
-    PlannerStatus, Reference, Refused, Roster, Setpoint, WindowHeader,
+    PlannerStatus, Reference, Refused, Roster,
 };
 use bytemuck::Zeroable;
 use machine::{Machine, Process};
 use master::saved::SavedState;
 use master::{Answers, Drives, Master, RunEnd};
-use planner::{Planner, PlannerPorts, ProgramText};
-use plant_sim::SimulatedDrives;
+use planner::Planner;
 use plant_sim::plant_file::PlantFile;
 use servo::Servo;
+
+mod drives;
+mod planning;
+
+pub use drives::TroubledDrives;
+pub use planning::Planning;
 
 /// A servo that died is back so many scans later.
 const RESTARTS_SCANS: u64 = 30;
@@ -22,78 +27,53 @@ const RESTARTS_SCANS: u64 = 30;
 /// One servo process.
 #[derive(Clone)]
 pub struct Member {
+    /// Its place in the roster.
     pub place: usize,
+    /// Its axis.
     pub axis: usize,
+    /// 0 for the first of the axis, 1 for the second.
     pub role: usize,
+    /// The controller itself.
     pub servo: Servo,
     /// What it commanded in the scan before.
     pub said: Option<AxisCommand>,
 }
 
-/// The planner process, and the programs that were laid for it: the first is number 1.
-#[derive(Clone)]
-pub struct Planning {
-    planner: Planner,
-    ports: PlanningPorts,
-    /// Windows that everybody sees in the next scan.
-    windows: Vec<(WindowHeader, Vec<Setpoint>)>,
-}
-
-#[derive(Clone, Default)]
-struct PlanningPorts {
-    programs: Vec<Arc<str>>,
-    feedback: Option<Feedback>,
-    windows: Vec<(WindowHeader, Vec<Setpoint>)>,
-    status: Option<PlannerStatus>,
-}
-
-impl PlannerPorts for PlanningPorts {
-    fn next_feedback(&mut self) -> Option<Feedback> {
-        self.feedback.take()
-    }
-
-    fn program(&mut self, load: u32) -> Option<ProgramText> {
-        let text = self.programs.get((load as usize).checked_sub(1)?)?;
-        Some(ProgramText::Here("laid.ngc".into(), Arc::clone(text)))
-    }
-
-    fn publish_window(&mut self, header: &WindowHeader, setpoints: &[Setpoint]) {
-        self.windows.push((*header, setpoints.to_vec()));
-    }
-
-    fn publish_status(&mut self, status: &PlannerStatus) {
-        self.status = Some(*status);
-    }
-
-    fn answered(&mut self, _scan: u64) {}
-}
-
+/// Master, servos, simulated drives and perhaps a planner.
 #[derive(Clone)]
 pub struct Cell {
+    /// As its file has it.
     pub machine: Arc<Machine>,
+    /// What is simulated.
     pub plant: Arc<PlantFile>,
-    pub master: Master<SimulatedDrives>,
+    /// The one that lives.
+    pub master: Master<TroubledDrives>,
+    /// What outlives it.
     pub saved: SavedState,
+    /// Which master it is.
     pub incarnation: u32,
+    /// The servos.
     pub members: Vec<Member>,
     /// None where nothing is planned: then the planner's place says in every scan that it has what is loaded.
     pub planning: Option<Planning>,
+    /// Who takes part.
     pub roster: Roster,
     /// Places of processes that come back, and when.
     pub joining: Vec<(usize, u64)>,
     /// The servo of this axis breaks off in the next scan.
     pub trips: Option<usize>,
+    /// What everybody obeys in the scan that was done last.
     pub now: Feedback,
     /// The servos of this axis say nothing in the next scan.
     pub misses: Option<usize>,
-    /// Largest torque of a motor that is driven, in shares of the rated one, while it stands.
-    pub held_share: f64,
+    /// The last feedback has been published.
     pub ended: bool,
 }
 
 impl Cell {
+    /// With its drives off.
     pub fn new(machine: Machine, plant: PlantFile) -> Cell {
-        let drives = plant.drives(&machine).expect("drives");
+        let drives = TroubledDrives::new(plant.drives(&machine).expect("drives"));
         let saved = SavedState::of(&drives);
         let mut roster = Roster::zeroed();
         let servos: Vec<Process> = Process::servos(&machine).collect();
@@ -122,11 +102,11 @@ impl Cell {
             trips: None,
             misses: None,
             now: Feedback::zeroed(),
-            held_share: 0.0,
             ended: false,
         }
     }
 
+    /// One scan of everybody.
     pub fn scan(&mut self) {
         self.now = self.master.feedback();
         if self.master.is_last() {
@@ -144,15 +124,9 @@ impl Cell {
         if self.master.take_latched() {
             self.saved.latch(&self.master.latches());
         }
-        for (axis, settings) in self.now.axes.iter().zip(&self.machine.axes) {
-            let stands = axis.velocity_mm_s.abs() < 0.05 && axis.velocity_command_mm_s == 0.0;
-            if self.mode() == Mode::Ready && stands {
-                let share = axis.torque_nm.abs() / settings.motor.rated_torque_nm;
-                self.held_share = self.held_share.max(share);
-            }
-        }
     }
 
+    /// Processes that are due come back.
     pub fn admit(&mut self) {
         let scan = self.now.scan;
         let due = |(_, at): &(usize, u64)| *at <= scan;
@@ -171,19 +145,40 @@ impl Cell {
 
     /// Lays a program where a planner finds it; its number.
     pub fn lay(&mut self, text: &str) -> u32 {
-        let planning = self.planning.get_or_insert_with(|| Planning {
-            planner: Planner::idle(&self.machine, self.roster.participants[0].incarnation),
-            ports: PlanningPorts::default(),
-            windows: Vec::new(),
+        let planning = self.planning.get_or_insert_with(|| {
+            let incarnation = self.roster.participants[0].incarnation;
+            Planning::new(Planner::idle(&self.machine, incarnation))
         });
         planning.ports.programs.push(text.into());
         planning.ports.programs.len() as u32
     }
 
+    /// The order to load a program, which is laid.
+    pub fn load_of(&mut self, text: &str) -> OperatorRequest {
+        OperatorRequest {
+            order: Order::Load as u32,
+            value: f64::from(self.lay(text)),
+            ..OperatorRequest::default()
+        }
+    }
+
+    /// The order to run typed-in blocks, which are laid, as is the program that is loaded before them.
+    pub fn typed_of(&mut self, text: &str) -> OperatorRequest {
+        let mut request = self.load_of(text);
+        let load = self.now.load;
+        request.session = load + 1;
+        let programs = self.planning.as_ref().map(|of| &of.ports.programs);
+        let before = programs.and_then(|of| of.get((load as usize).checked_sub(1)?));
+        if let Some(before) = before.cloned() {
+            request.deadline_scans = self.lay(&before);
+        }
+        request
+    }
+
     /// Windows of the scan before.
     fn see_windows(&mut self) {
         let planning = self.planning.as_mut();
-        let windows = planning.map_or_else(Vec::new, |of| std::mem::take(&mut of.windows));
+        let windows = planning.map_or_else(Vec::new, Planning::take_windows);
         for (header, setpoints) in windows {
             for member in &mut self.members {
                 // A window that a servo refuses is not pending with it, and so not admitted.
@@ -209,13 +204,10 @@ impl Cell {
         if !asked {
             return None;
         }
-        let Planning { planner, ports, .. } = planning;
-        ports.feedback = Some(self.now);
-        planner::cycle(planner, ports);
-        planning.windows = std::mem::take(&mut ports.windows);
-        ports.status.take()
+        planning.asked(&self.now)
     }
 
+    /// What servos and planner say to the feedback.
     pub fn answers(&mut self, asks_planner: bool) -> Answers {
         let mut answers = Answers::of_axes(bus::sample::MAX_AXES);
         let before: Vec<_> = self.members.iter().map(|of| of.said).collect();
@@ -242,6 +234,7 @@ impl Cell {
         answers
     }
 
+    /// So many scans.
     pub fn scans(&mut self, count: u64) {
         for _ in 0..count {
             self.scan();
@@ -256,6 +249,7 @@ impl Cell {
         })
     }
 
+    /// An order without a value; `load` takes the first program.
     pub fn order(&mut self, order: Order) -> Refused {
         let value = if order == Order::Load { 1.0 } else { 0.0 };
         let request = OperatorRequest {
@@ -266,20 +260,24 @@ impl Cell {
         Refused::from_wire(self.ask(&request).reason).expect("a reason")
     }
 
+    /// An order, answered and saved.
     pub fn ask(&mut self, request: &OperatorRequest) -> OperatorResponse {
         let answer = self.master.order(request);
         self.saved.latch(&self.master.latches());
         answer
     }
 
+    /// Of the scan that was done last.
     pub fn mode(&self) -> Mode {
         Mode::from_wire(self.now.mode).expect("a mode")
     }
 
+    /// Of the scan that was done last.
     pub fn cause(&self) -> Cause {
         Cause::from_wire(self.now.cause).expect("a cause")
     }
 
+    /// Whether every axis knows where it is.
     pub fn is_homed(&self) -> bool {
         let mut axes = self.now.axes().iter();
         axes.all(|axis| axis.reference == Reference::Known as u32)
@@ -347,6 +345,11 @@ impl Cell {
     /// Who drives dies.
     pub fn dies(&mut self, job: Job, axis: usize) {
         let role = self.now.axes[axis].taken_role;
+        self.one_dies(job, axis, role);
+    }
+
+    /// Who has this role dies.
+    pub fn one_dies(&mut self, job: Job, axis: usize, role: u32) {
         let mut participants = self.roster.participants.iter().enumerate();
         let is_it = |p: &bus::sample::Participant| {
             p.job == job as u32 && p.axis == axis as u32 && p.role == role && p.live == 1
@@ -357,9 +360,12 @@ impl Cell {
         }
     }
 
+    /// Another master takes the drives, from what the one before it has saved.
     pub fn replace_master(&mut self) {
-        let mut drives = self.plant.drives(&self.machine).expect("drives");
+        let drives = self.plant.drives(&self.machine).expect("drives");
+        let mut drives = TroubledDrives::new(drives);
         let latches = self.saved.restore(&mut drives).expect("what was saved");
+        drives.be_troubled_as(self.master.drives());
         self.incarnation += 1;
         let first = latches.scan + 1;
         let end = RunEnd::WhenOrdered;
