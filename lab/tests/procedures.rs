@@ -49,3 +49,28 @@ fn a_drive_with_a_fault_and_one_that_is_lost_trip_with_their_cause_and_come_back
         assert_eq!(cell.is_homed(), homed, "{cause:?}");
     }
 }
+
+#[test]
+fn drives_that_take_their_time_come_on_also_while_the_planner_refuses_the_program_that_is_loaded() {
+    // The motors of a gantry that is not homed are let go first.
+    let (machine, plant) = stock::homed_machine(2, false);
+    let mut cell = Cell::new(machine, plant);
+    cell.scans(5);
+    let load = cell.load_of("G21\nG999\nM2\n");
+    assert_eq!(cell.ask(&load).reason, Refused::Not as u32);
+    cell.scans(100);
+    assert_eq!(cell.cause(), Cause::Planner);
+    assert_eq!(cell.order(Order::Enable), Refused::Not);
+    assert!(cell.until(2_000, |of| of.mode() == Mode::Ready));
+    // And one that comes while they are being switched on.
+    assert_eq!(cell.order(Order::Disable), Refused::NotAtRest);
+    cell.scans(200);
+    assert_eq!(cell.order(Order::Disable), Refused::Not);
+    cell.scans(5);
+    assert_eq!(cell.order(Order::Enable), Refused::Not);
+    let load = cell.load_of("G999\nM2\n");
+    assert_eq!(cell.ask(&load).reason, Refused::Not as u32);
+    assert!(cell.until(2_000, |of| of.mode() == Mode::Ready));
+    cell.scans(100);
+    assert_eq!(cell.cause(), Cause::Planner);
+}

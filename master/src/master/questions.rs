@@ -274,7 +274,9 @@ impl<D: Drives> Master<D> {
 
     /// Comes to rest on the path for this cause.
     pub(super) fn stop_for(&mut self, cause: Cause) {
-        if cause != Cause::None && self.modes.cause() == Cause::None {
+        // Drives that are being switched on come on all the same: it is said again once they are.
+        let is_new = self.modes.cause() == Cause::None && !self.switching_on.is_under_way();
+        if cause != Cause::None && is_new {
             self.modes.blame(cause, u32::MAX, self.scan);
             self.stop();
         }
