@@ -102,6 +102,7 @@ impl Default for BenchCommand {
             machine: BENCH_MACHINE.into(),
             rounds: ROUNDS,
             axes: Vec::new(),
+            plot: None,
         })
     }
 }
@@ -123,6 +124,9 @@ pub struct LockstepOptions {
     /// Machines of so many axes, made of this one by copying axes, each beside its own floor [default: this one]
     #[arg(long, value_delimiter = ',', value_name = "N", value_parser = speed::axes)]
     pub axes: Vec<usize>,
+    /// With --axes: draws what a scan costs by the number of axes into this file (SVG)
+    #[arg(long, value_name = "FILE", requires = "axes")]
+    pub plot: Option<PathBuf>,
 }
 
 /// What `quadrant-lab bench fieldbus` takes.

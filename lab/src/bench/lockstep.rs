@@ -6,6 +6,7 @@ use std::time::Instant;
 use anyhow::Context;
 use serde_json::Value;
 
+use super::cost_plot::{self, Cost};
 use super::figures::Figures;
 use super::ipc::Game;
 use super::machines::{self, BenchMachine};
@@ -25,6 +26,7 @@ const PHYSICS_SCANS: usize = 20_000;
 /// One round of the measurement, all in µs but the factor.
 #[derive(Debug, Clone, Copy)]
 struct Round {
+    scans: f64,
     scan_us: f64,
     factor: f64,
     physics_us: f64,
@@ -45,25 +47,35 @@ pub fn lockstep(options: &LockstepOptions, figures: &mut Figures) -> Outcome {
     };
     if options.axes.is_empty() {
         let own = BenchMachine::own(&options.machine);
-        return of_machine(&own, options.rounds, &runs, figures);
+        return of_machine(&own, options.rounds, &runs, figures).map(drop);
     }
+    let mut costs = Vec::new();
     for &axes in &options.axes {
         let made = machines::of_axes(&options.machine, axes, scratch.path()).input()?;
-        of_machine(&made, options.rounds, &runs, figures)?;
+        costs.push(of_machine(&made, options.rounds, &runs, figures)?);
+    }
+    if let Some(file) = &options.plot {
+        cost_plot::draw(file, &costs).environment()?;
     }
     Ok(())
 }
 
 /// One machine.
-fn of_machine(of: &BenchMachine, rounds: u32, runs: &Runs, figures: &mut Figures) -> Outcome {
+fn of_machine(
+    of: &BenchMachine,
+    rounds: u32,
+    runs: &Runs,
+    figures: &mut Figures,
+) -> Result<Cost, Failure> {
     let BenchMachine { folder, program } = of;
     let checked = check::load(folder, Some(program), check::Depth::Whole).input()?;
     let period_us = f64::from(checked.machine.scan.period_us);
     let axes = checked.machine.axes.len();
     let mut measured = Vec::new();
     for _ in 0..rounds {
-        let (scan_us, factor) = cell_us(runs, folder, program, period_us)?;
+        let (scans, scan_us, factor) = cell_us(runs, folder, program, period_us)?;
         measured.push(Round {
+            scans,
             scan_us,
             factor,
             physics_us: physics_us(&checked).environment()?,
@@ -71,13 +83,14 @@ fn of_machine(of: &BenchMachine, rounds: u32, runs: &Runs, figures: &mut Figures
             samples_us: hand_overs_us(axes, Ball::Sample, runs.signals)?,
         });
     }
-    let watched = runs.watched(folder, program, watchers::watch)?;
+    let (watched, log_bytes) = runs.watched(folder, program, watchers::watch)?;
     let median = |take: fn(&Round) -> f64| {
         let mut values: Vec<f64> = measured.iter().map(take).collect();
         values.sort_by(f64::total_cmp);
         values.get(values.len() / 2).copied().unwrap_or(0.0)
     };
     let middle = Round {
+        scans: median(|r| r.scans),
         scan_us: median(|r| r.scan_us),
         factor: median(|r| r.factor),
         physics_us: median(|r| r.physics_us),
@@ -93,7 +106,20 @@ fn of_machine(of: &BenchMachine, rounds: u32, runs: &Runs, figures: &mut Figures
     middle.print(period_us);
     print_watched(&watched);
     middle.note(axes, &watched, figures);
-    Ok(())
+    let scans = middle.scans.max(1.0);
+    let cost = Cost {
+        axes,
+        wall_us: middle.scan_us,
+        floor_us: middle.physics_us + middle.samples_us,
+        processor_us: watched.all_s * 1e6 / scans,
+        memory_mb: watched.memory_mb,
+        log_bytes: log_bytes as f64 / scans,
+    };
+    say(&format!(
+        "  of a scan            {:7.2} µs   of all processors; log {:.0} bytes; memory of the cell (Pss) {:.0} MB",
+        cost.processor_us, cost.log_bytes, cost.memory_mb
+    ));
+    Ok(cost)
 }
 
 impl Round {
@@ -152,20 +178,21 @@ fn print_watched(watched: &Watched) {
     ));
 }
 
-/// One whole run; µs of wall time per scan and the real-time factor, as the report has them.
+/// One whole run; its scans, µs of wall time per scan and the real-time factor, as the report has them.
 fn cell_us(
     runs: &Runs,
     machine: &Path,
     program: &Path,
     period_us: f64,
-) -> Result<(f64, f64), Failure> {
+) -> Result<(f64, f64, f64), Failure> {
     let report = runs.report(machine, program, 0)?;
-    let factor = report
-        .get("real_time_factor")
-        .and_then(Value::as_f64)
-        .context("report.json has no real_time_factor")
-        .environment()?;
-    Ok((period_us / factor, factor))
+    let number = |key: &str| {
+        let found = report.get(key).and_then(Value::as_f64);
+        let found = found.with_context(|| format!("report.json has no {key}"));
+        found.environment()
+    };
+    let factor = number("real_time_factor")?;
+    Ok((number("scans")?, period_us / factor, factor))
 }
 
 /// Physics alone: µs per scan of all axes, at a speed that swings.

@@ -3,6 +3,7 @@
 pub(crate) mod all;
 mod campaign;
 pub(crate) mod circles;
+mod cost_plot;
 mod faults;
 mod fieldbus;
 mod figures;

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, ExitStatus};
 
 use anyhow::{Context, anyhow};
+use monitor::log::part_files;
 use serde_json::Value;
 use tempfile::TempDir;
 
@@ -57,7 +58,8 @@ impl Runs<'_> {
         Ok(self.out(0))
     }
 
-    /// Runs a program in lockstep under the eyes of `watch`, which waits for its end and hands on an interruption; what was seen.
+    /// Runs a program in lockstep under the eyes of `watch`, which waits for its end and hands on an interruption; what was seen, and the
+    /// bytes of its log.
     ///
     /// # Errors
     /// As [`Runs::report`], and errors of `watch`.
@@ -66,17 +68,19 @@ impl Runs<'_> {
         machine: &Path,
         program: &Path,
         watch: impl FnOnce(&mut Child, &Signals) -> anyhow::Result<T>,
-    ) -> Result<T, Failure> {
+    ) -> Result<(T, u64), Failure> {
         let mut seen = None;
         let ended = self.start_with(machine, program, 0, &[], |child, signals| {
             seen = Some(watch(child, signals));
             child.wait()
         });
+        let parts = part_files(&self.out(0)).unwrap_or_default();
+        let bytes = parts.iter().filter_map(|part| fs::metadata(part).ok());
+        let bytes = bytes.map(|part| part.len()).sum();
         let _ = fs::remove_dir_all(self.out(0));
         ended?;
-        seen.context("nobody watched")
-            .and_then(|seen| seen)
-            .environment()
+        let seen = seen.context("nobody watched").and_then(|seen| seen);
+        Ok((seen.environment()?, bytes))
     }
 
     fn out(&self, lane: usize) -> PathBuf {

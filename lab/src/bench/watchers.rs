@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::PathBuf;
 use std::process::Child;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use anyhow::Context;
 use rustix::process::{Pid, Signal, WaitId, WaitIdOptions, kill_process, waitid};
@@ -14,6 +14,8 @@ use console::signals::Signals;
 
 /// How often they are looked at: what one takes behind the last look is missed.
 const LOOK_EVERY: Duration = Duration::from_millis(10);
+/// How often they are weighed: that takes longer.
+const WEIGH_EVERY: Duration = Duration::from_millis(200);
 /// Subcommands of those who watch.
 const WATCHERS: [&str; 2] = ["recorder", "report"];
 
@@ -28,6 +30,8 @@ pub(crate) struct Watched {
     pub recorder_s: f64,
     /// Of the report that is made at its end.
     pub report_s: f64,
+    /// The most memory that the launcher and its children took together, shared pages shared out (Pss), in MB.
+    pub memory_mb: f64,
 }
 
 impl Watched {
@@ -52,12 +56,20 @@ pub(crate) fn watch(launcher: &mut Child, signals: &Signals) -> anyhow::Result<W
     let pid = Pid::from_child(launcher);
     let mut seen: BTreeMap<u32, Seen> = BTreeMap::new();
     let mut handed_on = false;
+    let mut memory_mb = 0.0_f64;
+    let mut weighed = Instant::now();
     while waitid(WaitId::Pid(pid), ended)?.is_none() {
         if signals.count() > 0 && !handed_on {
             handed_on = true;
             kill_process(pid, Signal::INT)?;
         }
         look(launcher.id(), &mut seen);
+        if weighed.elapsed() > WEIGH_EVERY {
+            weighed = Instant::now();
+            let all = children_of(launcher.id()).into_iter();
+            let all = all.chain([launcher.id()]).map(pss_mb);
+            memory_mb = memory_mb.max(all.sum());
+        }
         std::thread::sleep(LOOK_EVERY);
     }
     let stat = processor_time::stat(launcher.id());
@@ -71,7 +83,16 @@ pub(crate) fn watch(launcher: &mut Child, signals: &Signals) -> anyhow::Result<W
         launcher_s: stat.own_s,
         recorder_s: of("recorder"),
         report_s: of("report"),
+        memory_mb,
     })
+}
+
+/// Memory of a process, with its part of what it shares; 0 of one that has gone.
+fn pss_mb(pid: u32) -> f64 {
+    let text = fs::read_to_string(format!("/proc/{pid}/smaps_rollup")).unwrap_or_default();
+    let line = text.lines().find_map(|line| line.strip_prefix("Pss:"));
+    let kb = line.and_then(|line| line.split_whitespace().next()?.parse::<f64>().ok());
+    kb.unwrap_or(0.0) / 1e3
 }
 
 /// A child of the launcher.
