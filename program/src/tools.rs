@@ -11,6 +11,14 @@ use crate::reader::Word;
 use crate::refusal::{Refusal, refuse};
 use crate::snapshot;
 
+/// What numbers tools can have: those of the tool table.
+pub const TOOL: &str = "the number of a tool is a whole number from 0 to 99999";
+
+/// Whether a tool can have this number.
+pub fn is_tool(number: f64) -> bool {
+    (0.0..=99_999.0).contains(&number) && number.fract() == 0.0
+}
+
 /// The tool table, and which of its tools is where.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub struct Tools {
@@ -98,11 +106,13 @@ impl Tools {
 
     /// M61: the tool that is in the spindle already, by its Q.
     pub fn set(&mut self, word: Word, q: Option<Word>, acts: &mut Acts) -> Result<(), Refusal> {
-        let is_number = |q: &Word| q.value >= 0.0 && q.value.fract() == 0.0;
-        let Some(q) = q.filter(is_number) else {
+        let Some(q) = q else {
             let right = "the tool that is in the spindle, such as M61 Q3";
             return refuse(word.offset, "M61 without Q", right);
         };
+        if !is_tool(q.value) {
+            return q.refuse(TOOL);
+        }
         self.check(q.value as u32, q.offset, q.to_string())?;
         self.in_spindle = q.value as u32;
         acts.event(EventKind::ToolIs(self.in_spindle));

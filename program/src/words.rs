@@ -8,6 +8,7 @@ use crate::letters::AXIS_LETTERS;
 use crate::program::Setup;
 use crate::reader::{Line, Word};
 use crate::refusal::{Done, Refusal, if_none, refuse};
+use crate::tools::{TOOL, is_tool};
 
 /// Modal groups (NIST table 4; LinuxCNC manual, *G Code Modal Groups*). One code of each may be in a block.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -236,9 +237,8 @@ impl Words {
             'N' => return check_line_number(index, word),
             'F' if value < 0.0 => return word.refuse("a feed is 0 (none) or more"),
             'S' if value < 0.0 => return word.refuse("a spindle speed is 0 or more"),
-            'T' | 'H' | 'D' if value < 0.0 || (letter != 'D' && value.fract() != 0.0) => {
-                return word.refuse("the number of a tool is a whole number from 0");
-            }
+            'T' | 'H' if !is_tool(value) => return word.refuse(TOOL),
+            'D' if value < 0.0 => return word.refuse("a tool, a diameter or a speed: 0 or more"),
             axis if AXIS_LETTERS.contains(axis)
                 && !"UW".contains(axis)
                 && setup.axis_index(axis).is_none() =>

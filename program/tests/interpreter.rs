@@ -540,6 +540,18 @@ fn each_mistake_is_reported_with_its_place_and_what_would_be_right() {
             "G0 X5\nX6 T1.5",
             "part.ngc:2:4: T1.5: the number of a tool is a whole number",
         ),
+        (
+            "G0 X5\nT[10**300] M6",
+            "part.ngc:2:1: T1e300: the number of a tool is a whole number from 0 to 99999",
+        ),
+        (
+            "G43 H[10**5]",
+            "part.ngc:1:5: H100000: the number of a tool is a whole number from 0 to 99999",
+        ),
+        (
+            "M61 Q[10**10]",
+            "part.ngc:1:5: Q10000000000: the number of a tool is a whole number from 0 to 99999",
+        ),
         ("M6", "part.ngc:1:1: M6 without T: the tool, such as T1 M6"),
         ("G53 X1", "part.ngc:1:1: G53 without G0 or G1"),
         (
