@@ -367,6 +367,17 @@ fn a_limit_that_is_too_low_for_a_cell_is_named() {
         assert_eq!(output.status.code(), Some(3), "{limit}: {printed}");
         assert!(printed.contains(name), "{limit}: {printed}");
     }
+    // Whatever is the first that finds none left; with fewer the system does not begin a program.
+    for files in 4..16 {
+        let output = limited(&format!("--nofile={files}:{files}"));
+        let (printed, status) = (words(&output), output.status.code());
+        let begun = status != Some(127) || !printed.contains("shared libraries");
+        assert!(!begun || status == Some(3), "{files}: {printed}");
+        assert!(
+            !begun || printed.contains("ulimit -n"),
+            "{files}: {printed}"
+        );
+    }
     // Files are granted once they are asked for.
     let raised = limited("--nofile=32:4096");
     assert_eq!(raised.status.code(), Some(0), "{}", words(&raised));

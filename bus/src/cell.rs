@@ -125,7 +125,7 @@ impl CellPaths {
             flock(&members, FlockOperation::Unlock)
                 .map_err(|e| self.error("unlocking members.lock", e.into()))?;
             let removed = *leftovers.as_ref().unwrap_or(&0);
-            let owned = Ownership::new(self, (owner, members), name, removed);
+            let owned = Ownership::new(self, [owner, members], name, removed);
             // What cannot be had is not kept: the folder of a cell that is refused goes again.
             return leftovers.map(|_| owned);
         }
@@ -243,7 +243,14 @@ impl CellPaths {
         match open_own(&self.folder().join(name)) {
             Ok(file) => Ok(Some(file)),
             Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
-            Err(error) => Err(self.error(&format!("opening {name}"), error)),
+            Err(error) => {
+                // What was made for it alone does not stay: the first lock where there is no second, and the folder.
+                if name == MEMBERS_LOCK && !self.folder().join(name).exists() {
+                    let _ = fs::remove_file(self.folder().join(OWNER_LOCK));
+                }
+                let _ = fs::remove_dir(self.folder());
+                Err(self.error(&format!("opening {name}"), error))
+            }
         }
     }
 

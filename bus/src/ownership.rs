@@ -20,8 +20,8 @@ pub(crate) const SPARE_BYTES: u64 = 128 << 10;
 #[derive(Debug)]
 pub struct Ownership {
     place: CellPaths,
-    owner: File,
-    members: File,
+    /// The owner's and the members'; let go of when nobody can find them any more.
+    locks: Option<[File; 2]>,
     /// Files of a crashed run that were removed.
     pub leftovers: usize,
     /// Files that are there as long as the cell runs, with their inodes.
@@ -35,14 +35,13 @@ pub struct Ownership {
 impl Ownership {
     pub(crate) fn new(
         place: &CellPaths,
-        (owner, members): (File, File),
+        locks: [File; 2],
         name: Name,
         leftovers: usize,
     ) -> Ownership {
         Ownership {
             place: place.clone(),
-            owner,
-            members,
+            locks: Some(locks),
             leftovers,
             made: Vec::new(),
             spare: None,
@@ -120,8 +119,8 @@ impl Ownership {
 
     /// Whether the cell's folder is still the one that this launcher has locked.
     fn folder_is_ours(&self) -> bool {
-        let in_place = |file, name| self.place.is_in_place(file, name).unwrap_or(false);
-        in_place(&self.owner, OWNER_LOCK) && in_place(&self.members, MEMBERS_LOCK)
+        let mut locks = self.locks.iter().flatten().zip([OWNER_LOCK, MEMBERS_LOCK]);
+        locks.all(|(file, name)| self.place.is_in_place(file, name).unwrap_or(false))
     }
 }
 
@@ -132,7 +131,9 @@ fn inode(path: &Path) -> Option<u64> {
 impl Drop for Ownership {
     fn drop(&mut self) {
         let cell = self.place.name();
-        if flock(&self.members, FlockOperation::NonBlockingLockExclusive).is_err() {
+        let members = self.locks.iter().flatten().last();
+        let lock = FlockOperation::NonBlockingLockExclusive;
+        if members.is_some_and(|members| flock(members, lock).is_err()) {
             tracing::warn!(
                 cell,
                 "members still live: their files stay until the next start"
@@ -153,6 +154,9 @@ impl Drop for Ownership {
         // The folder goes at once, by its name, while both locks are held: whoever comes next finds none and makes a new one.
         let folder = self.place.folder();
         let gone = folder.with_extension(format!("{}{GONE}", std::process::id()));
-        let _ = fs::rename(&folder, &gone).and_then(|()| fs::remove_dir_all(&gone));
+        let renamed = fs::rename(&folder, &gone);
+        // Removing takes as many descriptors as folders are in each other: where none was left, these are.
+        (self.locks, self.spare) = (None, None);
+        let _ = renamed.and_then(|()| fs::remove_dir_all(&gone));
     }
 }
