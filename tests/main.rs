@@ -22,6 +22,7 @@ mod fuzz_seeds;
 mod gantry;
 mod given_up;
 mod greatest_errors;
+mod held_locks;
 mod homing;
 mod house;
 mod identify;

@@ -18,6 +18,7 @@ use rustix::fs::{FlockOperation, flock};
 
 pub use crate::error::{CELL_NAME_LENGTH_MAX, CellError};
 use crate::files::{open_own, open_to_read, open_unlinked};
+use crate::locks::{holders, named};
 use crate::name::{Holder, Name, Taken};
 use crate::ownership::GONE;
 pub use crate::ownership::Ownership;
@@ -157,7 +158,8 @@ impl CellPaths {
                     std::thread::sleep(Duration::from_millis(1));
                 }
                 holder => {
-                    let by = holder.map(|holder| format!(" (launcher pid {})", holder.pid));
+                    let named = |holder: Holder| named(&holder.pid.to_string());
+                    let by = holder.map(|holder| format!(" under launcher pid {}", named(holder)));
                     return Err(CellError::Running {
                         cell: self.name().to_owned(),
                         by: by.unwrap_or_default(),
@@ -183,10 +185,10 @@ impl CellPaths {
             }
             return Err(CellError::Running {
                 cell: self.name().to_owned(),
-                by: if pid.is_empty() {
-                    String::new()
-                } else {
-                    format!(" (launcher pid {pid})")
+                by: match holders(&file).as_str() {
+                    "" if pid.is_empty() => String::new(),
+                    "" => format!(" under launcher pid {}", named(&pid)),
+                    holders => format!(" under {holders}"),
                 },
             });
         }
@@ -210,6 +212,10 @@ impl CellPaths {
             if started.elapsed() >= patience {
                 return Err(CellError::MembersLive {
                     cell: self.name().to_owned(),
+                    which: match holders(&file).as_str() {
+                        "" => String::new(),
+                        holders => format!(" ({holders})"),
+                    },
                 });
             }
             std::thread::sleep(MEMBERS_LOOK);

@@ -23,16 +23,18 @@ pub enum CellError {
     Running {
         /// The cell.
         cell: String,
-        /// Its launcher, if known: " (launcher pid 123)".
+        /// Its launcher, if known: " under launcher pid 123 (quadrant)".
         by: String,
     },
     /// Its launcher is gone, but members of it still live.
     #[error(
-        "cell {cell:?} has no launcher but processes of it still live: they stop by themselves; try again in a moment"
+        "cell {cell:?} has no launcher but processes of it still live{which}: they stop by themselves; try again in a moment"
     )]
     MembersLive {
         /// The cell.
         cell: String,
+        /// They, if known: " (process 123 (quadrant))".
+        which: String,
     },
     /// What is in its place is not ours.
     #[error(

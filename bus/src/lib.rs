@@ -23,6 +23,7 @@ pub mod files;
 pub mod kept_parameters;
 pub mod layout;
 pub mod limits;
+pub mod locks;
 mod mapped_page;
 pub mod member;
 pub mod messages;

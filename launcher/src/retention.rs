@@ -11,10 +11,10 @@ use std::time::{Duration, Instant, SystemTime};
 
 use bus::cell::CellPaths;
 use bus::files::open_to_read;
+use bus::locks;
 use machine::{LogKeeping, Machine, replace_file};
 use monitor::log::LOG_FILE;
 use monitor::{BLACK_BOX_PREFIX, MARK_FILE};
-use rustix::fs::{FlockOperation, flock};
 use serde_json::json;
 
 use crate::disk_room::Room;
@@ -357,16 +357,13 @@ fn is_dated(name: &str) -> bool {
 
 /// Whether a launcher holds the events of a run directory.
 pub fn is_open(folder: &Path) -> bool {
-    let Ok(file) = open_to_read(&folder.join(EVENTS)) else {
-        return false;
-    };
-    flock(&file, FlockOperation::NonBlockingLockShared).is_err()
+    open_to_read(&folder.join(EVENTS)).is_ok_and(|file| locks::is_held(&file))
 }
 
 /// Notes that the run of this file goes on, for as long as the file is open.
 pub fn hold(events: &File) {
     // A file system without locks: then the newest run is the one that could go, last of all.
-    let _ = flock(events, FlockOperation::NonBlockingLockExclusive);
+    let _ = locks::hold(events);
 }
 
 #[cfg(test)]

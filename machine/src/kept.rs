@@ -1,6 +1,6 @@
 //! What outlives a run, in files of the user: parameters that programs keep, work offsets, the tool table.
 
-use std::fs::{self, TryLockError};
+use std::fs::{self, File, TryLockError};
 use std::io;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -8,6 +8,7 @@ use std::time::{Duration, Instant};
 use bus::cell::CellPaths;
 use bus::files::open_own;
 use bus::kept_parameters::{KeptFile, kept_file, name_kept_file, text_of_run};
+use bus::locks::holders;
 use bus::sample::Auxiliaries;
 
 use crate::beginning::{Beginning, SPINDLE_FILE, parse_spindle_file, spindle_file_text};
@@ -157,12 +158,10 @@ impl KeptFiles {
         parameters: &KeptParameters,
         tools: &[Tool],
     ) -> Result<(), SettingsFileError> {
-        if let Some(file) = &self.parameters {
-            let text = parameter_text(parameters);
-            replace_file(file, &text).map_err(|error| of_file(file, &error))?;
-        }
+        // What cannot be changed is known before anything is.
+        let mut changes = Vec::new();
         if let Some(file) = self.offsets.as_ref().filter(|file| file.exists()) {
-            update_offsets(file, machine, |now| {
+            changes.push(change_offsets(file, machine, |now| {
                 for (number, value) in parameters {
                     let began = machine.parameters.get(number).copied();
                     let began = began.unwrap_or_else(|| machine.parameter_default(*number));
@@ -170,21 +169,25 @@ impl KeptFiles {
                         now.insert(*number, *value);
                     }
                 }
-            })?;
+            })?);
         }
         if let Some(file) = self.tools.as_ref().filter(|file| file.exists()) {
             let changed = tools.iter().filter(|tool| !machine.tools.contains(tool));
             let changed: Vec<&Tool> = changed.collect();
             if !changed.is_empty() {
-                update_tools(file, |now| {
+                changes.push(change_tools(file, |now| {
                     for tool in changed {
                         now.retain(|other| other.number != tool.number);
                         now.push(tool.clone());
                     }
-                })?;
+                })?);
             }
         }
-        Ok(())
+        if let Some(file) = &self.parameters {
+            let text = parameter_text(parameters);
+            replace_file(file, &text).map_err(|error| of_file(file, &error))?;
+        }
+        changes.into_iter().try_for_each(Change::make)
     }
 }
 
@@ -276,7 +279,7 @@ fn of_file(file: &Path, error: &io::Error) -> SettingsFileError {
 /// # Errors
 /// A file that cannot be written.
 pub fn keep_tool(file: &Path, tool: u32) -> Result<(), SettingsFileError> {
-    update(file, |_| Ok(spindle_file_text(tool)))
+    change(file, |_| Ok(spindle_file_text(tool)))?.make()
 }
 
 /// Changes the work offsets in a file, whole or not at all, one writer at a time.
@@ -288,10 +291,18 @@ pub fn update_offsets(
     machine: &Machine,
     change: impl FnOnce(&mut KeptParameters),
 ) -> Result<(), SettingsFileError> {
+    change_offsets(file, machine, change)?.make()
+}
+
+fn change_offsets(
+    file: &Path,
+    machine: &Machine,
+    by: impl FnOnce(&mut KeptParameters),
+) -> Result<Change, SettingsFileError> {
     let name = file.display().to_string();
-    update(file, |text| {
+    change(file, |text| {
         let mut now = parse_offsets(&name, text, machine)?;
-        change(&mut now);
+        by(&mut now);
         let text = offsets_text(&now, machine);
         // What is written can be read again.
         parse_offsets(&name, &text, machine).map(|_| text)
@@ -306,21 +317,43 @@ pub fn update_tools(
     file: &Path,
     change: impl FnOnce(&mut Vec<Tool>),
 ) -> Result<(), SettingsFileError> {
+    change_tools(file, change)?.make()
+}
+
+fn change_tools(file: &Path, by: impl FnOnce(&mut Vec<Tool>)) -> Result<Change, SettingsFileError> {
     let name = file.display().to_string();
-    update(file, |text| {
+    change(file, |text| {
         let mut now = parse_tools_file(&name, text)?;
-        change(&mut now);
+        by(&mut now);
         now.sort_by_key(|tool| tool.number);
         let text = tools_file_text(&now);
         parse_tools_file(&name, &text).map(|_| text)
     })
 }
 
-/// Replaces the text of a file under a lock of its own, unless it is the same.
-fn update(
+/// What is to stand in a file, whose lock is held until it does.
+struct Change {
+    _lock: File,
+    file: PathBuf,
+    leads_to: PathBuf,
+    /// None where it is the same as before.
+    text: Option<String>,
+}
+
+impl Change {
+    /// Replaces the text of the file, whole or not at all.
+    fn make(self) -> Result<(), SettingsFileError> {
+        let text = self.text.as_deref();
+        let made = text.map_or(Ok(()), |text| replace_file(&self.leads_to, text));
+        made.map_err(|error| of_file(&self.file, &error))
+    }
+}
+
+/// A change of a file, under a lock of its own.
+fn change(
     file: &Path,
-    change: impl FnOnce(&str) -> Result<String, SettingsFileError>,
-) -> Result<(), SettingsFileError> {
+    by: impl FnOnce(&str) -> Result<String, SettingsFileError>,
+) -> Result<Change, SettingsFileError> {
     let failed = |error: io::Error| of_file(file, &error);
     let leads_to = fs::canonicalize(file).unwrap_or_else(|_| file.to_path_buf());
     let name = leads_to.file_name().unwrap_or_default().to_string_lossy();
@@ -333,16 +366,20 @@ fn update(
                 std::thread::sleep(LOCK_LOOK);
             }
             TryLockError::WouldBlock => {
-                let what = "another process is writing it and does not come to an end";
+                let who = Some(holders(&lock)).filter(|who| !who.is_empty());
+                let who = who.unwrap_or_else(|| "another process".into());
+                let what = format!("{who} is writing it and does not come to an end");
                 return Err(failed(io::Error::new(io::ErrorKind::WouldBlock, what)));
             }
             TryLockError::Error(error) => return Err(failed(error)),
         }
     }
     let before = text_if_there(Some(&leads_to))?.map(|(_, text)| text);
-    let text = change(before.as_deref().unwrap_or_default())?;
-    match before.as_ref() == Some(&text) {
-        true => Ok(()),
-        false => replace_file(&leads_to, &text).map_err(failed),
-    }
+    let text = by(before.as_deref().unwrap_or_default())?;
+    Ok(Change {
+        _lock: lock,
+        file: file.to_path_buf(),
+        text: (before.as_ref() != Some(&text)).then_some(text),
+        leads_to,
+    })
 }
