@@ -269,7 +269,9 @@ impl MessageReader {
             self.shown = oldest;
         }
         while self.shown < feedback.messages || done {
-            let number = self.shown.saturating_add(1);
+            let Some(number) = self.shown.checked_add(1) else {
+                break;
+            };
             match read(&file, self.of_run, number) {
                 Some(message) => heard.messages.push(message),
                 None if number <= feedback.messages => heard.dropped += 1,

@@ -18,6 +18,9 @@ pub mod run;
 pub mod run_dir;
 mod service_manager;
 mod session;
+#[cfg(test)]
+#[path = "../../tests/spoilt.rs"]
+mod spoilt;
 mod standby_alarm;
 pub mod supervise;
 pub mod supervisor;

@@ -22,6 +22,8 @@ use console::signals::Signals;
 /// So long the reports that are still being made may hold up the end of the cell.
 const REPORT_LIMIT: Duration = Duration::from_secs(120);
 const REPORT_LOOK: Duration = Duration::from_millis(20);
+/// More programs are started between two looks only where the launcher was stopped meanwhile, and never more than the second.
+const STARTED_MAX: [u32; 2] = [1000, 1_000_000];
 
 /// A report on its way.
 #[derive(Debug)]
@@ -42,6 +44,8 @@ pub struct Session {
     logged: u32,
     /// Runs that were reported to have started.
     started: u32,
+    /// Runs that the feedback before had.
+    counted: u32,
     /// Programs of lower numbers are gone.
     pruned: u32,
     /// The program that was loaded, and the scan in which this was seen.
@@ -86,6 +90,7 @@ impl Session {
             reported: 0,
             logged: 0,
             started: 0,
+            counted: 0,
             pruned: 0,
             loaded: None,
             seen: (0, 0),
@@ -98,6 +103,13 @@ impl Session {
         }
     }
 
+    /// Whether so many runs can have been started. A number that is wrong for once is left out.
+    fn can_be(&mut self, runs: u32) -> bool {
+        let is_again = std::mem::replace(&mut self.counted, runs) == runs;
+        let [at_once, most] = STARTED_MAX;
+        runs.saturating_sub(self.started) <= if is_again { most } else { at_once }
+    }
+
     /// Looks at the newest feedback; the recorder has taken `recorded_scans`.
     pub fn look(
         &mut self,
@@ -106,9 +118,13 @@ impl Session {
         recorded_scans: u64,
         events: &mut Events,
     ) {
+        if !self.can_be(feedback.run) {
+            return;
+        }
         self.say_state(feedback, events);
         let ended = Ended::told(machine, feedback, feedback.ended.run);
-        self.take_end(ended.filter(Ended::is_whole));
+        let ended = ended.filter(|ended| ended.is_whole() && ended.run <= feedback.run);
+        self.take_end(ended);
         self.prune(feedback, recorded_scans);
         while self.started < feedback.run {
             self.started += 1;
@@ -174,7 +190,7 @@ impl Session {
 
     /// The cell has ended: the reports that are missing are made, unless somebody is in a hurry.
     pub fn finish(&mut self, last: &Feedback, signals: &Signals, events: &mut Events) {
-        self.logged = last.run;
+        self.end_all(last);
         self.reap(last.scan, events);
         self.hurry();
         let (started, before) = (Instant::now(), signals.count());
@@ -188,6 +204,13 @@ impl Session {
                 return;
             }
             std::thread::sleep(REPORT_LOOK);
+        }
+    }
+
+    /// All runs are over, and their logs whole.
+    fn end_all(&mut self, last: &Feedback) {
+        if self.can_be(last.run) {
+            self.logged = last.run;
         }
     }
 
@@ -321,4 +344,80 @@ fn outcome_of(folder: &Path) -> String {
         format!(", contour error {um:.1} µm at most")
     });
     format!("{kind}{why}{contour}")
+}
+
+#[cfg(test)]
+mod tests {
+    use bytemuck::Zeroable;
+
+    use super::*;
+    use crate::hints::{lost_in, waits_for};
+    use crate::spoilt::{self, Spoiler};
+    use crate::standby_alarm::StandbyAlarm;
+    use crate::supervise::stop_words;
+    use crate::supervisor::goes_on_after_stop;
+
+    fn machine() -> machine::Machine {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../machines/xy");
+        machine::Machine::load(&folder).expect("machine.toml")
+    }
+
+    fn session(folder: &Path) -> Session {
+        let place = CellPaths::new("spoilt").expect("a name");
+        Session::new(folder, &place, Retention::default(), false)
+    }
+
+    fn feedback(scan: u64, run: u32) -> Feedback {
+        let mut feedback = Feedback::zeroed();
+        (feedback.scan, feedback.visible_from) = (scan, scan);
+        (feedback.run, feedback.axis_count) = (run, 2);
+        feedback.mode = Mode::Ready as u32;
+        feedback.program = ProgramState::Running as u32;
+        feedback
+    }
+
+    #[test]
+    fn a_number_of_runs_that_nobody_has_started_is_none_and_the_next_run_is_told_of() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let mut events = Events::create(folder.path()).expect("events");
+        let mut session = session(folder.path());
+        for run in [1, u32::MAX / 1000, 2, 1 << 20, 3] {
+            session.look(
+                &feedback(u64::from(run), run),
+                &machine(),
+                u64::MAX,
+                &mut events,
+            );
+        }
+        session.end_all(&feedback(9, 1 << 20));
+        session.make_reports(9, &mut events);
+        assert_eq!(session.reported, 2, "those that are over");
+        session.end_all(&feedback(9, 3));
+        session.make_reports(9, &mut events);
+        assert_eq!(session.reported, 3);
+        let text = fs::read_to_string(folder.path().join("events.jsonl")).expect("events");
+        assert_eq!(text.matches("run begins").count(), 3, "{text}");
+    }
+
+    /// All that the launcher makes of what it reads. SPOILT_SAMPLES=1000000 takes some 1 s.
+    #[test]
+    fn no_number_of_a_feedback_keeps_the_launcher_from_its_next_look() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let mut events = Events::nowhere().expect("events");
+        let (machine, mut session) = (machine(), session(folder.path()));
+        let (mut alarm, mut spoiler) = (StandbyAlarm::default(), Spoiler::new());
+        let mut messages = bus::messages::MessageReader::new(folder.path().join("messages"));
+        for number in 0..spoilt::count(20_000) {
+            let wrong = spoiler.feedback(&feedback(number, 1 + (number / 1000) as u32));
+            session.look(&wrong, &machine, spoiler.draw(), &mut events);
+            session.is_another(&wrong);
+            messages.hear(&wrong);
+            alarm.look(&wrong, &machine);
+            let hints = [waits_for(&wrong, &machine.restart), lost_in(&wrong)];
+            let said = hints.map(|hint| hint.map(|hint| hint.words("c", true)));
+            let stop = stop_words(&wrong, &machine, Some(&folder.path().join("messages")));
+            let goes_on = goes_on_after_stop(spoiler.draw(), &wrong);
+            std::hint::black_box((said, stop, goes_on));
+        }
+    }
 }

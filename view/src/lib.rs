@@ -8,4 +8,7 @@ pub mod metrics;
 pub mod options;
 pub mod scope;
 mod shown;
+#[cfg(test)]
+#[path = "../../tests/spoilt.rs"]
+mod spoilt;
 pub mod web;

@@ -33,7 +33,7 @@ pub(crate) mod source;
 pub(crate) mod state;
 mod terminal;
 #[cfg(test)]
-mod test_support;
+pub(crate) mod test_support;
 mod text;
 pub mod timing;
 mod track;

@@ -91,3 +91,33 @@ fn a_long_text_is_cut_between_two_characters() {
     let read = slot.message(1, 1).expect("it is whole");
     assert!(read.text.ends_with("ä…") && read.text.len() <= TEXT_BYTES);
 }
+
+/// As the feedback of a faulty master may have it.
+#[test]
+fn a_number_of_texts_that_no_program_has_keeps_nobody_from_the_next_feedback() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("messages");
+    let one = message(1, "one");
+    let mut writer = MessageWriter::new(path.clone());
+    writer
+        .write(0, 1, std::slice::from_ref(&one))
+        .expect("room");
+    for state in ProgramState::ALL {
+        for messages in [u32::MAX, u32::MAX - 1, 1 << 31] {
+            let (path, heard) = (path.clone(), std::sync::mpsc::channel());
+            let one = one.clone();
+            // A reader that does not come back is left alone.
+            std::thread::spawn(move || {
+                let mut reader = MessageReader::new(path);
+                let mut wrong = feedback(1, messages);
+                wrong.program = state as u32;
+                reader.hear(&wrong);
+                reader.skip_to(&feedback(1, 0), 0);
+                let _ = heard.0.send(reader.hear(&feedback(1, 1)).messages == [one]);
+            });
+            let limit = std::time::Duration::from_secs(20);
+            let came = heard.1.recv_timeout(limit);
+            assert_eq!(came, Ok(true), "{messages} in {state:?}");
+        }
+    }
+}

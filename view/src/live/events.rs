@@ -99,14 +99,15 @@ impl Events {
             }
         };
         for event in self.last.iter_mut().rev() {
-            if event.scan + TOGETHER_SCANS < scan {
+            if event.scan.saturating_add(TOGETHER_SCANS) < scan {
                 break;
             }
             if let Some((known, before)) = event.often
                 && known == kind
             {
-                event.text = text(before + scans);
-                event.often = Some((kind, before + scans));
+                let scans = before.saturating_add(scans);
+                event.text = text(scans);
+                event.often = Some((kind, scans));
                 return;
             }
         }

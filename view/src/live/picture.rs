@@ -85,7 +85,8 @@ pub fn tell_link(state: &mut CellState, link: &LinkState) {
 mod tests {
     use super::*;
     use crate::live::json::{self, Reported};
-    use crate::live::test_support::{look, machine, running};
+    use crate::live::test_support::{look, machine, running, take_spoilt};
+    use crate::spoilt::{self, Spoiler};
     use bus::sample::{
         AxisCommand, Cause, FLOOD, Inputs, Job, Mode, Participant, PlannerStatus, Roster,
         SpindleCommand, Waiting,
@@ -224,60 +225,27 @@ mod tests {
         assert_eq!(message.state.override_percent, Some(OVERRIDE_MAX_PERCENT));
     }
 
-    /// A sample some of whose words are wrong, in one of the ways that have broken programs.
-    fn spoilt<T: bytemuck::Pod>(sample: &T, random: &mut impl FnMut() -> u64) -> T {
-        let mut wrong = *sample;
-        let bytes = bytemuck::bytes_of_mut(&mut wrong);
-        for _ in 0..=random() % 4 {
-            let words = bytes.len() as u64 / 8;
-            let start = 8 * (random() % words) as usize;
-            let with = match random() % 5 {
-                0 => 0,
-                1 => u64::MAX,
-                2 => f64::NAN.to_bits(),
-                3 => 1 << (random() % 64),
-                _ => random(),
-            };
-            bytes[start..start + 8].copy_from_slice(&with.to_le_bytes());
-        }
-        wrong
-    }
-
-    /// SPOILT_SAMPLES=1000000 takes some 12 s.
+    /// SPOILT_SAMPLES=1000000 takes some 15 s.
     #[test]
     fn no_number_of_any_sample_keeps_a_machine_from_being_seen() {
-        let count = std::env::var("SPOILT_SAMPLES").map_or(20_000, |n| n.parse().expect("number"));
-        let mut here = seen();
-        let mut state = 0x9e37_79b9_7f4a_7c15_u64;
-        let mut random = || {
-            state ^= state << 13;
-            state ^= state >> 7;
-            state ^= state << 17;
-            state
-        };
-        for number in 0..count {
-            let scan = 200 + number;
-            match number % 5 {
-                0 => {
-                    let mut feedback = spoilt(&running(scan), &mut random);
-                    // What contradicts itself never comes this far (`is_sound`).
-                    feedback.scan = scan;
-                    feedback.axis_count %= bus::sample::MAX_AXES as u32 + 1;
-                    here.feedback(&feedback);
-                }
-                1 => here.command(&spoilt(&AxisCommand::zeroed(), &mut random)),
-                2 => here.instruments(&spoilt(&bus::sample::Instruments::zeroed(), &mut random)),
-                3 => here.roster(&spoilt(&Roster::zeroed(), &mut random)),
-                _ => here.planner = Some(spoilt(&PlannerStatus::zeroed(), &mut random)),
-            }
+        let (mut here, mut there) = (seen(), Model::new("mill-3", machine()));
+        let mut spoiler = Spoiler::new();
+        for number in 0..spoilt::count(20_000) {
+            take_spoilt(&mut here, number, &mut spoiler);
             if number % 50 == 0 {
                 here.end_of_look();
                 look(&mut here);
                 let message = remote::wire::encode(&snapshot(&here, 5)).expect("a message");
-                let _: Option<Snapshot> = remote::wire::decode(&message).ok();
-                let line = json::line(&here, &mut Reported::default());
-                let shown: Result<serde_json::Value, _> = serde_json::from_str(&line);
-                assert!(shown.is_ok(), "{line}");
+                // As it comes to another machine, where it is refused or shown.
+                if let Ok(message) = remote::wire::decode(&message) {
+                    fill(&mut there, message);
+                    there.end_of_look();
+                }
+                for model in [&here, &there] {
+                    let line = json::line(model, &mut Reported::default());
+                    let shown: Result<serde_json::Value, _> = serde_json::from_str(&line);
+                    assert!(shown.is_ok(), "{line}");
+                }
             }
         }
     }

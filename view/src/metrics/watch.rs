@@ -276,3 +276,53 @@ impl Watch {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use bus::sample::{BusCycle, Instruments};
+    use bytemuck::Zeroable;
+
+    use super::*;
+    use crate::live::test_support::{machine, running};
+    use crate::metrics::exposition::{Dialect, text};
+    use crate::spoilt::{self, Spoiler};
+
+    /// SPOILT_SAMPLES=1000000 takes some 15 s.
+    #[test]
+    fn no_number_of_any_sample_keeps_the_metrics_from_being_told() {
+        let place = CellPaths::new(&format!("spoilt-{}", std::process::id())).expect("a name");
+        std::fs::create_dir(place.folder()).expect("the cell's folder");
+        let page = SignalPage::create(&place).expect("its page");
+        let served = Served {
+            place: place.clone(),
+            numbers: Arc::new(Numbers::new(&machine(), Pace::Realtime)),
+            recorder: Arc::default(),
+        };
+        let mut watch = Watch::new(machine(), served.clone());
+        let mut spoiler = Spoiler::new();
+        for number in 0..spoilt::count(20_000) {
+            match number % 6 {
+                0 => watch.feedback(&spoiler.feedback(&running(number))),
+                1 => watch.command(&spoiler.spoilt(&AxisCommand::zeroed())),
+                2 => watch
+                    .model
+                    .instruments(&spoiler.spoilt(&Instruments::zeroed())),
+                3 => watch.roster(&spoiler.spoilt(&Roster::zeroed())),
+                4 => watch.planner(&spoiler.spoilt(&PlannerStatus::zeroed())),
+                _ => watch.numbers.bus.take(&spoiler.spoilt(&BusCycle::zeroed())),
+            }
+            if number % 100 == 0 {
+                watch.look(&page);
+                for dialect in [Dialect::OpenMetrics, Dialect::PrometheusText] {
+                    let text = text(&served, dialect).expect("metrics");
+                    for line in text.lines().filter(|line| !line.starts_with('#')) {
+                        let value = line.rsplit(' ').next().map(str::parse::<f64>);
+                        assert!(value.is_some_and(|value| value.is_ok()), "{line}");
+                    }
+                }
+            }
+        }
+        drop(page);
+        let _ = std::fs::remove_dir_all(place.folder());
+    }
+}

@@ -78,3 +78,49 @@ fn events(model: &Model) -> Vec<Value> {
     let each = newest_first.map(|of| joined(json!({ "number": of.number }), json::event(of)));
     each.collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::live::test_support::{look, machine, take_spoilt, with_program};
+    use crate::live::trail::Trail;
+    use crate::spoilt::{self, Spoiler};
+    use crate::web::pictures::Pictures;
+
+    fn json_of(text: &[u8]) -> Value {
+        serde_json::from_slice(text).expect("JSON")
+    }
+
+    /// SPOILT_SAMPLES=1000000 takes some 15 s.
+    #[test]
+    fn no_number_of_any_sample_keeps_the_page_from_its_next_frame() {
+        let mut model = Model::new("mill-3", machine());
+        model.trail = Some(Trail::default());
+        let (mut pictures, mut spoiler) = (Pictures::new(&model), Spoiler::new());
+        for number in 0..spoilt::count(20_000) {
+            if number % 10_000 == 5_000 {
+                with_program(&mut model);
+            }
+            take_spoilt(&mut model, number, &mut spoiler);
+            if number % 50 == 0 {
+                model.end_of_look();
+                look(&mut model);
+                let new = pictures.follow(&mut model);
+                let frame = Frame {
+                    number,
+                    session: 1,
+                    has_ended: model.ended,
+                    with_circle: true,
+                    drawn: pictures.state(),
+                    new: &new,
+                };
+                let event = frame.as_event(&model);
+                let data = event.split(|byte| *byte == b'\n').nth(1).expect("data");
+                let shown = json_of(data.strip_prefix(b"data: ").expect("data"));
+                assert_eq!(shown["frame"], number, "{shown}");
+                json_of(&pictures.trail());
+                json_of(&pictures.path());
+            }
+        }
+    }
+}

@@ -3,8 +3,9 @@ use ratatui::backend::TestBackend;
 
 use super::*;
 use crate::live::model::Model;
-use crate::live::test_support::{look, machine, running};
+use crate::live::test_support::{look, machine, running, take_spoilt, with_program};
 use crate::live::words::Tone;
+use crate::spoilt::{self, Spoiler};
 use bus::member::Pace;
 use bus::sample::{
     AxisCommand, Cause, Job, Mode, Participant, ProgramState, Roster, SpindleCommand, Waiting,
@@ -323,6 +324,30 @@ fn no_number_that_is_shown_has_more_than_four_decimals() {
         model.feedback(&feedback);
         for text in read_by_people(&mut model) {
             assert_eq!(overlong(&text), [] as [&str; 0], "{text}");
+        }
+    }
+}
+
+/// SPOILT_SAMPLES=1000000 takes some 15 s.
+#[test]
+fn no_number_of_any_sample_keeps_the_terminal_from_its_next_picture() {
+    let (mut model, mut spoiler) = (model(), Spoiler::new());
+    for number in 0..spoilt::count(20_000) {
+        if number % 10_000 == 5_000 {
+            with_program(&mut model);
+        }
+        take_spoilt(&mut model, number, &mut spoiler);
+        if number % 100 == 0 {
+            model.end_of_look();
+            look(&mut model);
+            let width = 1 + (spoiler.draw() % 200) as u16;
+            let height = 1 + (spoiler.draw() % 60) as u16;
+            let screen = Screen {
+                readout: number % 200 == 0,
+                ..Screen::plain(&model)
+            };
+            shown(&screen, width, height);
+            crate::live::text::status(&model.shown.state, &model.machine);
         }
     }
 }
