@@ -31,6 +31,7 @@ mod interruption;
 mod jog;
 mod kept_logs;
 mod killed_clients;
+mod killed_writers;
 mod learn_path;
 mod leftovers;
 mod linearizable;

@@ -241,7 +241,7 @@ fn a_monitor_that_comes_and_goes_again_and_again_leaves_no_trace() {
 }
 
 /// A terminal of 80 × 24: our end, and that of the program in it.
-fn terminal() -> (File, File) {
+pub(crate) fn terminal() -> (File, File) {
     let (mut master, mut slave) = (-1, -1);
     // SAFETY: plain system calls; both descriptors are owned by what is made of them.
     unsafe {

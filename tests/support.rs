@@ -249,6 +249,12 @@ impl LiveCell {
         Self::up_as(&unique_cell(), machine, pace)
     }
 
+    /// The same with more arguments.
+    pub fn up_with(machine: &Path, pace: &str, more: &[&str]) -> LiveCell {
+        let cell = unique_cell();
+        Self::launch(quadrant(), &cell, "up", machine, None, pace, more)
+    }
+
     /// The same under the name of a cell that has ended.
     pub fn up_as(cell: &str, machine: &Path, pace: &str) -> LiveCell {
         Self::launch(quadrant(), cell, "up", machine, None, pace, &[])

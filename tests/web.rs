@@ -21,7 +21,7 @@ const PATIENCE: Duration = Duration::from_secs(60);
 
 /// Where a page is, and its token.
 #[derive(Debug, Clone)]
-struct Page {
+pub(crate) struct Page {
     address: String,
     token: String,
 }
@@ -45,7 +45,7 @@ impl Page {
     }
 
     /// That of a cell which was started with `--web=0`.
-    fn of(cell: &mut LiveCell) -> Page {
+    pub(crate) fn of(cell: &mut LiveCell) -> Page {
         Page::printed(cell.child.stdout.take().expect("standard output"))
     }
 
@@ -82,17 +82,17 @@ impl Page {
         self.send("POST /order", &lines, order).answer()
     }
 
-    fn order(&self, order: &str) -> (u32, String) {
+    pub(crate) fn order(&self, order: &str) -> (u32, String) {
         self.send_order(order).answer()
     }
 
     /// Gives an order with the token; its answer is read later.
-    fn send_order(&self, order: &str) -> Asked {
+    pub(crate) fn send_order(&self, order: &str) -> Asked {
         let lines = ["Content-Type: application/json", &self.bearer()];
         self.send("POST /order", &lines, order)
     }
 
-    fn frames(&self) -> Frames {
+    pub(crate) fn frames(&self) -> Frames {
         self.frames_with(&[])
     }
 
@@ -108,7 +108,7 @@ impl Page {
 }
 
 /// A request that was sent.
-struct Asked(TcpStream);
+pub(crate) struct Asked(TcpStream);
 
 impl Asked {
     fn head_and_body(mut self) -> (String, String) {
@@ -128,7 +128,7 @@ impl Asked {
 }
 
 /// The frames that a browser gets.
-struct Frames(std::io::Lines<BufReader<TcpStream>>);
+pub(crate) struct Frames(std::io::Lines<BufReader<TcpStream>>);
 
 impl Iterator for Frames {
     type Item = Value;
