@@ -50,6 +50,7 @@ mod operator;
 mod paces;
 mod packaging;
 mod parameters;
+mod pc_troubles;
 mod pivot;
 mod positioning;
 mod quality;

@@ -8,7 +8,7 @@ mod cell;
 mod disturb;
 mod ending;
 mod fault;
-mod freezer;
+pub mod freezer;
 mod growth;
 mod judge;
 mod places;
