@@ -15,6 +15,7 @@ use crate::support::{
     Bench, LiveCell, Run, circle_program, endless_program, long_program, number, quadrant, send,
     text, traces_of,
 };
+use crate::tools::tool;
 use crate::up::obeyed;
 
 /// Moments, on a PC that does other things as well.
@@ -292,23 +293,57 @@ fn a_recorder_killed_in_the_last_moments_holds_up_nothing_and_the_report_says_wh
     assert_eq!((first, to), (reached + 1.0, last), "{}", run.stderr());
 }
 
+/// Stops each process that this one starts before it has done anything; whoever looks for it could come too late. None where nobody may
+/// trace.
+fn stop_whoever_is_born(launcher: u32) -> Option<std::process::Child> {
+    let mut trace = std::process::Command::new(tool("strace")?);
+    trace.args(["-qq", "-f", "-o", "/dev/null", "-e", "trace=execve"]);
+    trace.args(["-e", "inject=execve:signal=STOP"]);
+    let mut tracer = trace.args(["-p", &launcher.to_string()]).spawn().ok()?;
+    let is_traced = || {
+        let status = std::fs::read_to_string(format!("/proc/{launcher}/status"));
+        status.is_ok_and(|status| !status.contains("TracerPid:\t0\n"))
+    };
+    while !is_traced() {
+        if tracer.try_wait().expect("strace").is_some() {
+            eprintln!("strace may not trace a process here: the check is left out");
+            return None;
+        }
+        std::thread::sleep(Duration::from_millis(2));
+    }
+    Some(tracer)
+}
+
+/// Whether a process is stopped.
+fn is_stopped(pid: i32) -> bool {
+    let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
+    let state = stat.rsplit_once(") ").map(|(_, rest)| rest.to_owned());
+    state.is_some_and(|state| state.starts_with(['T', 't']))
+}
+
 /// It comes when there is nothing left to record: the last feedback, for which it would wait, has been.
 #[test]
 fn a_recorder_that_comes_too_late_for_the_last_feedback_is_not_waited_for() {
     let bench = Bench::patient("xy", &[REPLACED]);
     let mut cell = held_cell(&bench, "realtime");
+    let Some(mut tracer) = stop_whoever_is_born(cell.child.id()) else {
+        return;
+    };
     send(cell.pid_of("quadrant recorder"), libc::SIGKILL);
     let mut second = None;
-    wait_until("another recorder", || {
+    wait_until("another recorder, which has done nothing", || {
         let children = cell.children();
-        second = children
+        let born = children
             .iter()
-            .find(|(_, l)| l.contains("quadrant recorder") && l.contains("--incarnation 2"))
-            .map(|(pid, _)| *pid);
+            .find(|(_, l)| l.contains("quadrant recorder") && l.contains("--incarnation 2"));
+        second = born.map(|(pid, _)| *pid).filter(|pid| is_stopped(*pid));
         second.is_some()
     });
     let second = second.expect("it was seen");
+    // It stays stopped when it is let go.
     send(second, libc::SIGSTOP);
+    send(tracer.id() as i32, libc::SIGTERM);
+    tracer.wait().expect("strace");
     go_on(&cell);
     let last = cell.wait_for(|f| f.last == 1).scan as f64;
     wait_until("the master leaves", || {
