@@ -1,6 +1,6 @@
 //! The readout: where the axes are in the program and on the machine, and what is left of the block.
 
-use bus::sample::ProgramState;
+use bus::sample::{Mode, ProgramState};
 use serde_json::Value;
 
 use crate::support::{Bench, LiveCell, quadrant};
@@ -113,6 +113,8 @@ fn in_hold_the_way_to_go_leads_to_the_end_of_the_block_and_after_a_jog_nothing_i
     obeyed(&cell, &["hold"]);
     obeyed(&cell, &["load", &program]);
     obeyed(&cell, &["start"]);
+    // Where it may be jogged: it stands in hold, and has for as long as that takes.
+    cell.wait_for(|now| now.hold == 1 && now.rested == 1 && now.mode == Mode::Enabled as u32);
     let held = status(&cell);
     let [x, y] = [&held["axes"][0], &held["axes"][1]];
     for (axis, end_mm) in [(x, 40.0), (y, 20.0)] {
