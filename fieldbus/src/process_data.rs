@@ -7,7 +7,6 @@ use crate::cia402::{self, OperatingMode};
 
 /// A process data object to exchange, and what is in it.
 #[derive(Debug, Clone, PartialEq, Eq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct Pdo {
     /// Its index: 0x1600 to 0x17FF of what the drive receives, 0x1A00 to 0x1BFF of what it transmits.
     #[schemars(extend("minimum" = 0x1600, "maximum" = 0x1BFF))]
@@ -19,7 +18,6 @@ pub struct Pdo {
 
 /// An entry of a PDO.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct Entry {
     /// Index of the object; 0 for a gap.
     #[schemars(extend("minimum" = 0, "maximum" = 0xFFFF, "default" = 0))]

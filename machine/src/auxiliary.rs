@@ -8,7 +8,6 @@ pub const SPINDLE_RAMP_SHARE: f64 = 0.75;
 
 /// The spindle.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct Spindle {
     /// Lowest speed that it turns at; a program with an S below it, but for S0, is refused.
     #[schemars(extend("unit" = "rev/min", "minimum" = 0, "maximum" = 1_000_000, "default" = 0.0))]
@@ -49,7 +48,6 @@ pub enum ToolChanger {
 
 /// Tool changes.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct ToolChange {
     /// Who puts the tool into the spindle.
     #[schemars(extend("default" = "operator"))]

@@ -15,7 +15,6 @@ use crate::transmission::Transmission;
 
 /// One axis.
 #[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct Axis {
     /// Its letter in part programs: up to 8 axes have one, and come first in the file. The second motor of a gantry has the letter of its
     /// axis with a 2 behind it. Axes that no program moves are called P1 to P31: they are moved [by hand](../howto/by-hand.md).
@@ -139,7 +138,6 @@ pub enum Changeover {
 
 /// Rating plate.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct Motor {
     /// Continuous torque.
     #[schemars(extend("unit" = "N·m", "exclusiveMinimum" = 0, "maximum" = 10_000))]

@@ -5,7 +5,6 @@ use serde::Deserialize;
 
 /// The fieldbus.
 #[derive(Debug, Clone, PartialEq, Eq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct Fieldbus {
     /// The network interface that the drives are connected to, such as `enp3s0`; they are its only users.
     pub interface: String,
@@ -36,7 +35,6 @@ pub enum Sync {
 
 /// The drive of an axis.
 #[derive(Debug, Clone, PartialEq, Eq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct AxisDrive {
     /// Its [drive file](drive-file.md), a path below the folder of this file.
     pub file: String,

@@ -8,7 +8,6 @@ pub const SECOND_MOTOR: &str = "2";
 
 /// The second motor of an axis. Programs and operators name the axis; this motor gets the same setpoints.
 #[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct Gantry {
     /// The axis that this motor drives together with the axis's own motor: the letter in front of its name. Travel, speed,
     /// acceleration, jerk, quick stop, increment and changeover of both are the same; loops, model and drive are of each motor.

@@ -5,7 +5,6 @@ use serde::{Deserialize, Serialize};
 
 /// How an axis without an absolute encoder finds its place.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct Homing {
     /// What the axis looks for.
     pub method: HomingMethod,

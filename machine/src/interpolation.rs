@@ -5,7 +5,6 @@ use serde::Deserialize;
 
 /// How setpoints are made.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct Interpolation {
     /// How the setpoints of straight lines, G0 and G1, are made ([method](../methods/straight-lines.md)).
     #[schemars(extend("default" = "rounded"))]

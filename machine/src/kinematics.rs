@@ -7,7 +7,6 @@ use crate::axis::Axis;
 
 /// How the axes carry the tool (docs/methods/pivot-axis.md).
 #[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct Kinematics {
     /// Which machine it is.
     #[serde(rename = "type")]

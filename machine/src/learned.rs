@@ -28,7 +28,6 @@ const LOST_MOTION_UM_MAX: i32 = 50;
 
 /// The whole file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct Learned {
     /// [`LEARNED_VERSION`].
     pub version: u32,
@@ -42,7 +41,6 @@ pub struct Learned {
 
 /// One axis.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct LearnedAxis {
     /// Its letter.
     pub name: String,
@@ -68,7 +66,6 @@ pub struct LearnedAxis {
 
 /// What a pass left of error near the reversals of an axis, by the scale.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct LearnedContour {
     /// Largest distance from the path in a reversal, mean over all of them.
     #[schemars(extend("unit" = "µm", "minimum" = 0))]
@@ -80,7 +77,6 @@ pub struct LearnedContour {
 
 /// What one axis has learned by a pass.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct LearnedPass {
     /// Friction there is over friction of the model.
     #[schemars(extend("minimum" = 0.1, "maximum" = 10))]

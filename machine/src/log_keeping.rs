@@ -59,7 +59,6 @@ impl FromStr for LogLevel {
 
 /// What is recorded of a run, and how much of the logs of earlier runs is kept.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct LogKeeping {
     /// What is recorded where `--log` does not say.
     #[serde(default)]

@@ -5,7 +5,6 @@ use serde::{Deserialize, Serialize};
 
 /// Position loop.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct PositionLoop {
     /// Gain Kp; with `drive_mode = "position"` that of the drive's own loop.
     #[schemars(extend("unit" = "1/s", "exclusiveMinimum" = 0, "maximum" = 1000))]
@@ -14,7 +13,6 @@ pub struct PositionLoop {
 
 /// Velocity loop.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct VelocityLoop {
     /// Proportional gain Kv, at the table.
     #[schemars(extend("unit" = "N·s/m", "exclusiveMinimum" = 0, "maximum" = 1_000_000_000))]
@@ -29,7 +27,6 @@ pub struct VelocityLoop {
 
 /// Velocity feed-forward (docs/methods/overview.md §2).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct FeedForward {
     /// On or off.
     #[schemars(extend("default" = true))]
@@ -48,7 +45,6 @@ pub const PREDICTION_M_MIN: f64 = 0.2;
 
 /// First-difference prediction of the feedback position.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct Prediction {
     /// Divisor of the first difference: 1/m is the delay that is made up for, in scans: from five to a hundredth of one.
     #[schemars(extend("minimum" = PREDICTION_M_MIN, "maximum" = 100))]

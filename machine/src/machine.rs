@@ -26,7 +26,6 @@ use crate::tool_table::Tool;
 
 /// The whole machine file.
 #[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct Machine {
     /// The machine's name, and the cell's unless `--cell` says otherwise: lower-case letters, digits and hyphens.
     pub name: String,
@@ -98,7 +97,6 @@ pub const DEAD_TIME_SCANS_MAX: u32 = 8;
 
 /// Clocks of the cell.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct Scan {
     /// Scan period Tp. Above 250 it is a multiple of 250, the instruments' period.
     #[schemars(extend("unit" = "µs", "minimum" = 125, "maximum" = 250 * MAX_SUBSAMPLES))]
@@ -124,7 +122,6 @@ pub struct Scan {
 
 /// How programs are understood on this machine.
 #[derive(Debug, Clone, PartialEq, Default, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct ProgramSettings {
     /// Work offset G54, a key for each axis: the programmed zero in machine coordinates, within the travel of the axis.
     #[schemars(extend("additionalProperties" = {

@@ -11,7 +11,6 @@ const INCH_MM: f64 = 25.4;
 
 /// Motion off the path.
 #[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct Manual {
     /// Speed of a jog.
     #[schemars(extend("unit" = "mm/s", "exclusiveMinimum" = 0, "maximum" = 100, "default" = 10.0))]

@@ -8,7 +8,6 @@ pub const SLIP_ELEMENTS_MAX: usize = 6;
 
 /// Mass, friction and elasticity of one axis as felt at the table.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct AxisModel {
     /// Total moved mass: motor and screw (inertia · (2π/lead)²) and table.
     #[schemars(extend("unit" = "kg", "exclusiveMinimum" = 0, "maximum" = 1_000_000))]
@@ -28,7 +27,6 @@ pub struct AxisModel {
 
 /// The table behind the screw.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct TableModel {
     /// Its mass, at most that of the whole axis.
     #[schemars(extend("unit" = "kg", "exclusiveMinimum" = 0, "maximum" = 1_000_000))]
@@ -54,7 +52,6 @@ pub struct TableModel {
 
 /// Friction over distance: springs side by side that slip (Maxwell slip elements), and the Stribeck curve.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct FrictionCurve {
     /// Share of each element in Coulomb friction; the sum is 1.
     #[schemars(inner(range(min = 0, max = 1)))]
@@ -72,7 +69,6 @@ pub struct FrictionCurve {
 
 /// Torque that is fed forward, part by part.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct TorqueFeedForward {
     /// Mass times acceleration.
     #[schemars(extend("default" = false))]
@@ -90,7 +86,6 @@ pub struct TorqueFeedForward {
 
 /// How the axis follows what friction becomes.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct Adaptation {
     /// Whether friction is followed, taken as tuned, or taken at `level`.
     #[schemars(extend("default" = "off"))]
@@ -114,7 +109,6 @@ pub enum AdaptationMode {
 
 /// Disturbance observer.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct DisturbanceObserver {
     /// Bandwidth g; 0 switches it off. At most 0.2 rad in a scan.
     #[schemars(extend("unit" = "rad/s", "minimum" = 0, "maximum" = 1600, "default" = 0.0))]

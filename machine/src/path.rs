@@ -5,7 +5,6 @@ use serde::Deserialize;
 
 /// How far the path that is travelled may leave the programmed one ([method](../methods/rounding.md)).
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct PathSettings {
     /// Tolerance of G64 without P. Above 0 programs begin in G64 with it, at 0 in G61: exact.
     #[schemars(extend("unit" = "mm", "minimum" = 0, "maximum" = 5, "default" = 0.0))]

@@ -5,7 +5,6 @@ use serde::Deserialize;
 
 /// High-frequency positioning (docs/methods/positioning.md).
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct Positioning {
     /// The motion of a rapid from rest to rest.
     #[schemars(extend("default" = "constant-acceleration"))]

@@ -7,7 +7,6 @@ use serde::Deserialize;
 
 /// How the processes of the cell run in realtime.
 #[derive(Debug, Clone, PartialEq, Eq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct Processes {
     /// Whether what the processes touch stays in memory; those with a priority touch the program before their first scan.
     #[schemars(extend("default" = Settings::DEFAULT.lock_memory))]
@@ -39,7 +38,6 @@ pub struct Processes {
 
 /// What one kind of process has for itself.
 #[derive(Debug, Clone, PartialEq, Eq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct OfProcess {
     /// SCHED_FIFO priority: a higher one goes before a lower one, and any before 0, an ordinary process. None may be below the next in
     /// this order: fieldbus, master, servo, planner, monitor.

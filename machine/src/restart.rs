@@ -48,7 +48,6 @@ pub enum AfterMonitor {
 
 /// What follows when a process is lost.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct Restart {
     /// The planner: the tool has come to rest on the path.
     #[schemars(extend("default" = "resume"))]

@@ -5,7 +5,6 @@ use serde::{Deserialize, Serialize};
 
 /// Reversal compensation.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct Reversal {
     /// How far reversal errors are compensated.
     pub method: ReversalMethod,

@@ -7,7 +7,6 @@
 //! use machine::settings_file::{self, Schema};
 //!
 //! #[derive(serde::Deserialize, schemars::JsonSchema)]
-//! #[serde(deny_unknown_fields)]
 //! struct Spindle {
 //!     /// Highest speed.
 //!     #[schemars(extend("unit" = "1/min", "exclusiveMinimum" = 0, "maximum" = 60_000, "default" = 6000))]

@@ -11,7 +11,6 @@ use crate::settings_file::{At, Rules};
 
 /// What stands between a motor and its axis.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct Transmission {
     /// Turns of the motor for one of the screw, the pinion, the pulley or the rotary table.
     #[schemars(extend("minimum" = 0.01, "maximum" = 10_000, "default" = 1.0))]

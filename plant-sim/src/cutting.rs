@@ -6,7 +6,6 @@ use serde::Deserialize;
 
 /// The force of the cut on the table.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct PlantCutting {
     /// Mean force while the tool is in the material, positive in positive direction.
     #[schemars(extend("unit" = "N", "minimum" = -100_000, "maximum" = 100_000))]

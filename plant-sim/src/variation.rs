@@ -9,7 +9,6 @@ const REST_M_S: f64 = 1e-6;
 
 /// Friction that is not the same everywhere and always.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct PlantVariation {
     /// Share by which friction is higher in positive direction and lower in negative.
     #[schemars(extend("minimum" = -0.9, "maximum" = 0.9, "default" = 0.0))]

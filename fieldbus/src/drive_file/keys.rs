@@ -8,7 +8,6 @@ use crate::process_data::Pdo;
 
 /// The whole drive file.
 #[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct DriveFile {
     /// Which drive this is. At start-up the drive on the bus must show the same numbers.
     pub identity: Identity,
@@ -37,7 +36,6 @@ pub struct DriveFile {
 
 /// Which drive this is.
 #[derive(Debug, Clone, PartialEq, Eq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct Identity {
     /// Number of the vendor; 0 of drives that are software.
     #[schemars(extend("minimum" = 0, "maximum" = 0xFFFF_FFFF_u32))]
@@ -58,7 +56,6 @@ pub struct Identity {
 
 /// How the drive is operated.
 #[derive(Debug, Clone, PartialEq, Eq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct Mode {
     /// The mode in which the controller drives the axis.
     pub operate: OperatingMode,
@@ -69,7 +66,6 @@ pub struct Mode {
 
 /// How numbers of the drive become turns and torques.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct Scaling {
     /// Increments of the position (6064, 607A) in `position_turns` turns of the motor: 608F and 6091 of the drive, or its data sheet.
     #[schemars(extend("unit" = "increments", "minimum" = 1, "maximum" = 0xFFFF_FFFF_u32))]
@@ -118,7 +114,6 @@ impl Mapping {
 
 /// What goes to the drive and comes back in each cycle.
 #[derive(Debug, Clone, PartialEq, Eq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct ProcessData {
     /// What becomes of the entries of the PDOs that the drive receives.
     pub receive_mapping: Mapping,
@@ -136,7 +131,6 @@ pub struct ProcessData {
 
 /// What the drive can take; a limit that is left out is not known.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct Limits {
     /// Most entries of a PDO that it receives and that is written.
     #[schemars(extend("unit" = "entries", "minimum" = 1, "maximum" = 255))]
@@ -160,7 +154,6 @@ pub struct Limits {
 
 /// What is written before the drive operates.
 #[derive(Debug, Clone, PartialEq, Eq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct StartUp {
     /// Whether the interpolation time (60C2:1 and 60C2:2) is set to the scan of the machine; `false` where the drive has no such object.
     pub interpolation_time: bool,
@@ -176,7 +169,6 @@ pub struct StartUp {
 
 /// An object to write.
 #[derive(Debug, Clone, PartialEq, Eq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct Sdo {
     /// Its index.
     #[schemars(extend("minimum" = 0x1000, "maximum" = 0xFFFF))]
@@ -194,7 +186,6 @@ pub struct Sdo {
 
 /// What the drive does when it is to stop, by the codes of CiA 402.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct OptionCodes {
     /// 605A, quick stop: 0 switches off (coasts), 1 to 4 brake, then switch off, 5 to 8 brake and hold. Below 0 is the vendor's own
     /// meaning: where the manual says that it brakes, write the number above that means the same.
@@ -229,7 +220,6 @@ impl OptionCodes {
 
 /// The mailbox.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct Mailbox {
     /// Whether objects can be read and written as a whole.
     pub complete_access: bool,
@@ -278,7 +268,6 @@ impl ManagerPurpose {
 
 /// A sync manager.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct SyncManager {
     /// What it is for.
     pub purpose: ManagerPurpose,
@@ -295,7 +284,6 @@ pub struct SyncManager {
 
 /// A way to synchronise the drive with the others (distributed clocks).
 #[derive(Debug, Clone, PartialEq, Eq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct SyncMode {
     /// Its name.
     pub name: String,

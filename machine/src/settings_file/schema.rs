@@ -72,7 +72,7 @@ impl Schema {
 }
 
 /// Makes of a schema one that is easy to read: no `null`, which TOML does not have, no formats; what has a default is not required, and
-/// a table whose keys all have defaults has one itself; the numbers of a list have its unit.
+/// a table whose keys all have defaults has one itself; the numbers of a list have its unit. No table has other keys than its own.
 fn plain(schema: &mut JsonSchemaValue) {
     transform_subschemas(&mut plain, schema);
     let Some(object) = schema.as_object_mut() else {
@@ -85,6 +85,9 @@ fn plain(schema: &mut JsonSchemaValue) {
     }
     if let (Some(unit), Some(items)) = (object.get("unit").cloned(), object.get_mut("items")) {
         items["unit"] = unit;
+    }
+    if object.contains_key("properties") {
+        object.insert("additionalProperties".into(), false.into());
     }
     let Some(Value::Array(required)) = object.shift_remove("required") else {
         return;

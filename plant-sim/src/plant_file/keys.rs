@@ -14,7 +14,6 @@ use crate::variation::PlantVariation;
 
 /// The whole plant file.
 #[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct PlantFile {
     /// Integration step of the mechanics: whole nanoseconds, a divisor of every drive period, and short enough for the stiffest spring
     /// and the fastest damping of each mass, else refused with the longest that fits.
@@ -43,7 +42,6 @@ pub struct PlantFile {
 
 /// What all drives have in common.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct PlantDrive {
     /// Scans from the feedback that a command answers to the scan that it acts in, as on a fieldbus; what the controller reckons
     /// with is `scan.dead_time_scans` of the [machine file](machine-file.md) ([dead time](../methods/dead-time.md)).
@@ -53,7 +51,6 @@ pub struct PlantDrive {
 
 /// The spindle with its drive.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct PlantSpindle {
     /// How fast it speeds up and brakes.
     #[schemars(extend("unit" = "rev/min/s", "minimum" = 1, "maximum" = 1_000_000))]
@@ -83,7 +80,6 @@ pub struct PlantSpindle {
 
 /// The tool changer.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct PlantToolChanger {
     /// Time of one change.
     #[schemars(extend("unit" = "s", "minimum" = 0, "maximum" = 600, "default" = 3.0))]
@@ -98,7 +94,6 @@ pub const BODIES_MAX: usize = 64;
 /// A touch probe. It trips where the ball of its stylus touches a body, from whatever side. Positions are those of the tables of X, Y
 /// and Z, in machine coordinates; an axis that the machine does not have is at 0.
 #[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct PlantProbe {
     /// Radius of the ball.
     #[schemars(extend("unit" = "mm", "minimum" = 0, "maximum" = 50, "default" = 1.0))]
@@ -139,7 +134,6 @@ pub struct PlantProbe {
 
 /// A half-space of material.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct PlantPlane {
     /// A point of its surface.
     #[schemars(inner(range(min = -100_000, max = 100_000)), extend("unit" = "mm"))]
@@ -151,7 +145,6 @@ pub struct PlantPlane {
 
 /// A block.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct PlantBox {
     /// Its corner of the lowest positions.
     #[schemars(inner(range(min = -100_000, max = 100_000)), extend("unit" = "mm"))]
@@ -163,7 +156,6 @@ pub struct PlantBox {
 
 /// A ball.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct PlantSphere {
     /// Its centre.
     #[schemars(inner(range(min = -100_000, max = 100_000)), extend("unit" = "mm"))]
@@ -175,7 +167,6 @@ pub struct PlantSphere {
 
 /// A cylinder.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct PlantCylinder {
     /// Centre of one of its ends.
     #[schemars(inner(range(min = -100_000, max = 100_000)), extend("unit" = "mm"))]
@@ -190,7 +181,6 @@ pub struct PlantCylinder {
 
 /// A change of one input: of a digital or of an analogue one.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct PlantInput {
     /// Number of a digital input.
     #[schemars(extend("minimum" = 0, "maximum" = DIGITAL_INPUTS - 1))]
@@ -211,7 +201,6 @@ pub struct PlantInput {
 
 /// One axis.
 #[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct PlantAxis {
     /// Its name, as in the machine file.
     #[schemars(extend("enum" = machine::axis_names()))]
@@ -267,7 +256,6 @@ pub struct PlantAxis {
 /// An axis by a few numbers. Half of its friction is at the motor, half at the table; what is not here is as on the machines that come
 /// with Quadrant ([typical values](../methods/physics.md)).
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct PlantSimple {
     /// Mass that moves, with the workpiece.
     #[schemars(extend("unit" = "kg", "minimum" = 0.1, "maximum" = 100_000))]
@@ -305,7 +293,6 @@ pub struct PlantSimple {
 
 /// The bridge of a gantry ([equations](../methods/physics.md#a-bridge-between-two-motors)).
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct PlantBridge {
     /// Force between its two ends for each µm that one is ahead of the other.
     #[schemars(extend("unit" = "N/µm", "minimum" = 0.01, "maximum" = 10_000, "default" = 20.0))]
@@ -317,7 +304,6 @@ pub struct PlantBridge {
 
 /// An incremental encoder. It keeps its position as long as the simulation runs, whoever is killed.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct PlantEncoder {
     /// What it shows when the machine is switched on, wherever the axis is then.
     #[schemars(extend("unit" = "mm", "minimum" = -100_000, "maximum" = 100_000))]
@@ -339,7 +325,6 @@ pub enum Actuated {
 
 /// A home switch.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct PlantHomeSwitch {
     /// Number of the digital input that it is wired to.
     #[schemars(extend("minimum" = 0, "maximum" = DIGITAL_INPUTS - 1))]
@@ -366,7 +351,6 @@ pub struct PlantHomeSwitch {
 
 /// How a drive homes by itself: it moves until its switch is actuated, and brakes. If it is at the beginning, it first moves off it.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct PlantDriveHoming {
     /// Speed towards the switch; negative towards lower positions. Not 0.
     #[schemars(extend("unit" = "mm/s", "minimum" = -1000, "maximum" = 1000))]
@@ -381,7 +365,6 @@ pub struct PlantDriveHoming {
 
 /// Friction as measured.
 #[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct PlantMeasuredFriction {
     /// Speeds, rising, none of them 0: at least one in each direction, at most 16.
     #[schemars(length(min = 2, max = 2 * SIDE_ROWS_MAX), inner(range(min = -10_000, max = 10_000)), extend("unit" = "mm/s"))]
@@ -394,7 +377,6 @@ pub struct PlantMeasuredFriction {
 
 /// A mass that swings on the table: a fixture, a column, a tall workpiece. Scale and instruments see the table.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct PlantAttachedMass {
     /// Its mass, beside that of the table.
     #[schemars(extend("unit" = "kg", "minimum" = 0.1, "maximum" = 100_000))]
@@ -409,7 +391,6 @@ pub struct PlantAttachedMass {
 
 /// A frame that swings.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct PlantFrame {
     /// Mass that swings in the direction of the axis, without that of its table.
     #[schemars(extend("unit" = "kg", "minimum" = 1, "maximum" = 1_000_000))]
@@ -424,6 +405,7 @@ pub struct PlantFrame {
 
 /// What an axis gets of where another one is.
 #[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
+// A list within an axis has no keys of a rotary one: they are refused here.
 #[serde(deny_unknown_fields)]
 pub struct PlantCrossTalk {
     /// The other axis.
@@ -445,7 +427,6 @@ pub struct PlantCrossTalk {
 
 /// What the drive measures wrongly, and passes on.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct PlantMeasurement {
     /// Amplitude of the encoder's error within a signal period, of travel.
     #[schemars(extend("unit" = "nm", "minimum" = 0, "maximum" = 100_000, "default" = 0.0))]
@@ -478,7 +459,6 @@ pub struct PlantMeasurement {
 
 /// Motor with encoder and current loop.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct PlantMotor {
     /// Continuous torque.
     #[schemars(extend("unit" = "N·m", "minimum" = 0.001, "maximum" = 100_000))]
@@ -514,7 +494,6 @@ pub struct PlantMotor {
 
 /// Friction at the motor, in torques.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct MotorFriction {
     /// Its law ([equations](../methods/physics.md#2-friction-generalized-maxwell-slip-gms)).
     #[schemars(extend("default" = "maxwell-slip"))]
@@ -547,7 +526,6 @@ pub struct MotorFriction {
 
 /// Ball screw.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct PlantScrew {
     /// Travel in one turn of the motor.
     #[schemars(extend("unit" = "mm", "minimum" = 0.1, "maximum" = 1000, "unless" = "transmission"))]
@@ -573,7 +551,6 @@ pub struct PlantScrew {
 
 /// Table.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct PlantTable {
     /// Mass, with the workpiece.
     #[schemars(extend("unit" = "kg", "minimum" = 0.1, "maximum" = 100_000))]
@@ -585,7 +562,6 @@ pub struct PlantTable {
 
 /// Friction of the guideways, in forces.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct TableFriction {
     /// Its law ([equations](../methods/physics.md#2-friction-generalized-maxwell-slip-gms)).
     #[schemars(extend("default" = "maxwell-slip"))]
@@ -618,7 +594,6 @@ pub struct TableFriction {
 
 /// Linear scale.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
 pub struct PlantScale {
     /// Measuring step.
     #[schemars(extend("unit" = "nm", "minimum" = 0.01, "maximum" = 1_000_000))]
