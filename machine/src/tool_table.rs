@@ -1,12 +1,14 @@
 //! The tool table, in the form of LinuxCNC (manual, *Tool Table*): a line for each tool, `T1 P1 D6 Z12.5 ;end mill`.
 
+use serde::{Deserialize, Serialize};
+
 use crate::settings_file::SettingsFileError;
 
 /// The letters of a tool's lengths, in the order in which they are kept.
 pub const OFFSET_LETTERS: &str = "XYZABCUVW";
 
 /// A tool.
-#[derive(Debug, Clone, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Tool {
     /// T: its number, as programs call it.
     pub number: u32,

@@ -89,7 +89,6 @@ pub struct Bow {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Move<T> {
     /// End of all axes, machine coordinates.
-    #[serde(with = "crate::snapshot::vector")]
     pub to: AxisVector,
     /// How it gets there.
     pub way: Way,
@@ -167,10 +166,8 @@ pub struct Compensation<T, E> {
     across: Option<usize>,
     tip: Flat,
     /// End of the last programmed move.
-    #[serde(with = "crate::snapshot::vector")]
     programmed: AxisVector,
     /// Centre of the tool behind all that waits.
-    #[serde(with = "crate::snapshot::vector")]
     centre: AxisVector,
     last: Option<Last>,
     waiting: Vec<Step<T, E>>,

@@ -14,7 +14,6 @@ use crate::offsets::Offsets;
 use crate::parameters::{Parameters, base};
 use crate::program::{EventKind, Setup};
 use crate::refusal::{Refusal, refuse};
-use crate::snapshot;
 use crate::state::{Motion, SavedModes};
 use crate::tools::Tools;
 use crate::words::{Group, Words, group_of, mode_words};
@@ -89,10 +88,8 @@ pub struct State {
     tools: Tools,
     offsets: Offsets,
     /// Place of the program in machine coordinates; the tool's too, unless it stands beside.
-    #[serde(with = "snapshot::vector")]
     position: AxisVector,
     /// Place of the tool where it is another one.
-    #[serde(with = "snapshot::maybe_vector")]
     stands: Option<AxisVector>,
     parameters: Parameters,
 }

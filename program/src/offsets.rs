@@ -5,24 +5,19 @@
 use path::geometry::AxisVector;
 use serde::{Deserialize, Serialize};
 
-use crate::snapshot;
 
 /// The offsets in force, in mm and degrees.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Offsets {
     /// Of the work offset in force.
-    #[serde(with = "snapshot::vector")]
     work: AxisVector,
     /// Of G52 and G92.
-    #[serde(with = "snapshot::vector")]
     g92: AxisVector,
     /// Of the tool.
-    #[serde(with = "snapshot::vector")]
     tool: AxisVector,
     /// Cosine and sine of the rotation about Z, if there is one.
     turn: Option<(f64, f64)>,
     /// Where the zero of the program lies while nothing is turned.
-    #[serde(with = "snapshot::vector")]
     zero: AxisVector,
     /// The axes X and Y, which a rotation turns.
     turned_axes: Option<(usize, usize)>,

@@ -142,7 +142,6 @@ pub struct Parameters {
     /// None of those that were never set.
     #[serde(with = "numbered")]
     numbered: Arc<Vec<Option<f64>>>,
-    #[serde(with = "named")]
     global: Arc<BTreeMap<String, f64>>,
 }
 
@@ -202,26 +201,6 @@ impl Parameters {
     }
 }
 
-/// Names and their values.
-mod named {
-    use std::collections::BTreeMap;
-    use std::sync::Arc;
-
-    use serde::{Deserialize, Deserializer, Serialize, Serializer};
-
-    type Named = BTreeMap<String, f64>;
-
-    /// Writes them.
-    pub fn serialize<S: Serializer>(named: &Arc<Named>, to: S) -> Result<S::Ok, S::Error> {
-        named.as_ref().serialize(to)
-    }
-
-    /// Reads them.
-    pub fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Arc<Named>, D::Error> {
-        Ok(Arc::new(Named::deserialize(from)?))
-    }
-}
-
 /// Numbered parameters, of which most were never set.
 mod numbered {
     use std::sync::Arc;
@@ -237,17 +216,15 @@ mod numbered {
             .zip(values.iter().copied())
             .filter_map(|(number, value)| Some((number, value?)))
             .collect();
-        (values.len() as u32, set).serialize(to)
+        set.serialize(to)
     }
 
     /// Reads them.
     pub fn deserialize<'de, D: Deserializer<'de>>(
         from: D,
     ) -> Result<Arc<Vec<Option<f64>>>, D::Error> {
-        let (length, set) = <(u32, Vec<(u32, f64)>)>::deserialize(from)?;
-        let length = length.min(super::NUMBER_MAX + 1);
-        let mut values = vec![None; length as usize];
-        for (number, value) in set {
+        let mut values = vec![None; super::NUMBER_MAX as usize + 1];
+        for (number, value) in Vec::<(u32, f64)>::deserialize(from)? {
             if let Some(slot) = values.get_mut(number as usize) {
                 *slot = Some(value);
             }

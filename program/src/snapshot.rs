@@ -8,7 +8,7 @@ use xxhash_rust::xxh3::xxh3_64;
 use crate::error::{ProgramError, refuse_file};
 
 /// What every snapshot begins with; its last byte counts the versions of what is in it.
-const BEGINS: &[u8; 8] = b"QREAD\0\0\x04";
+const BEGINS: &[u8; 8] = b"QREAD\0\0\x05";
 /// Its beginning, the hash of the program, and the checksum at its end.
 const HASH_BYTES: usize = 8;
 
@@ -52,40 +52,6 @@ pub fn unpack<'a, T: Deserialize<'a>>(
     }
 }
 
-/// Vectors of axes, as their components.
-pub mod vector {
-    use path::geometry::{AxisVector, PATH_AXES};
-    use serde::{Deserialize, Deserializer, Serialize, Serializer};
-
-    /// Writes one.
-    pub fn serialize<S: Serializer>(vector: &AxisVector, to: S) -> Result<S::Ok, S::Error> {
-        let components: [f64; PATH_AXES] = (*vector).into();
-        components.serialize(to)
-    }
-
-    /// Reads one.
-    pub fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<AxisVector, D::Error> {
-        Ok(<[f64; PATH_AXES]>::deserialize(from)?.into())
-    }
-}
-
-/// The same where there may be none.
-pub mod maybe_vector {
-    use path::geometry::{AxisVector, PATH_AXES};
-    use serde::{Deserialize, Deserializer, Serialize, Serializer};
-
-    /// Writes one.
-    pub fn serialize<S: Serializer>(vector: &Option<AxisVector>, to: S) -> Result<S::Ok, S::Error> {
-        let components: Option<[f64; PATH_AXES]> = vector.map(Into::into);
-        components.serialize(to)
-    }
-
-    /// Reads one.
-    pub fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Option<AxisVector>, D::Error> {
-        Ok(Option::<[f64; PATH_AXES]>::deserialize(from)?.map(Into::into))
-    }
-}
-
 /// Feeds, which belong to another crate.
 pub mod feed {
     use path::geometry::Feed;
@@ -104,44 +70,6 @@ pub mod feed {
     pub fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Feed, D::Error> {
         let speed_mm_s = Option::<f64>::deserialize(from)?;
         Ok(speed_mm_s.map_or(Feed::Rapid, Feed::PathMmS))
-    }
-}
-
-/// Tool tables that a program has changed, which belong to another crate.
-pub mod tools {
-    use std::sync::Arc;
-
-    use machine::Tool;
-    use serde::{Deserialize, Deserializer, Serializer};
-
-    /// A tool: number, pocket, orientation; offsets, diameter, angles; comment.
-    type Kept = ([u32; 3], [f64; 9], [f64; 3], String);
-
-    /// Writes one.
-    pub fn serialize<S: Serializer>(tools: &Arc<Vec<Tool>>, to: S) -> Result<S::Ok, S::Error> {
-        let kept = |tool: &Tool| -> Kept {
-            let numbers = [tool.number, tool.pocket, tool.orientation];
-            let angles = [tool.front_angle_deg, tool.back_angle_deg];
-            let sizes = [tool.diameter, angles[0], angles[1]];
-            (numbers, tool.offset, sizes, tool.comment.clone())
-        };
-        to.collect_seq(tools.iter().map(kept))
-    }
-
-    /// Reads one.
-    pub fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Arc<Vec<Tool>>, D::Error> {
-        let kept = Vec::<Kept>::deserialize(from)?;
-        let tool = |(numbers, offset, sizes, comment): Kept| Tool {
-            number: numbers[0],
-            pocket: numbers[1],
-            offset,
-            diameter: sizes[0],
-            front_angle_deg: sizes[1],
-            back_angle_deg: sizes[2],
-            orientation: numbers[2],
-            comment,
-        };
-        Ok(Arc::new(kept.into_iter().map(tool).collect()))
     }
 }
 

@@ -141,7 +141,6 @@ pub struct SavedModes {
     pub modes: ModalState,
     pub work_offset: f64,
     /// Length of the tool that counts (G43), all 0 after G49.
-    #[serde(with = "snapshot::vector")]
     pub tool_length: AxisVector,
     pub tool_length_of: u32,
 }

@@ -9,7 +9,6 @@ use crate::act::Acts;
 use crate::program::{EventKind, Setup};
 use crate::reader::Word;
 use crate::refusal::{Refusal, refuse};
-use crate::snapshot;
 
 /// What numbers tools can have: those of the tool table.
 pub const TOOL: &str = "the number of a tool is a whole number from 0 to 99999";
@@ -28,7 +27,6 @@ pub struct Tools {
     in_spindle: u32,
     /// The one whose offset is applied; 0 where it is none's.
     offset_of: u32,
-    #[serde(with = "snapshot::tools")]
     table: Arc<Vec<Tool>>,
 }
 
