@@ -95,7 +95,8 @@ pub struct Member {
     pub page: SignalPage,
     /// Its foot in shared memory.
     pub bus: Bus,
-    slot: Slot,
+    /// The slot it has.
+    pub slot: Slot,
     launcher: OwnedFd,
     patience: Patience,
     _membership: Membership,
@@ -173,11 +174,6 @@ impl Member {
     pub fn answered(&self, scan: u64) {
         self.page.set_answered(self.slot.index, scan);
         self.page.answered();
-    }
-
-    /// The slot it has.
-    pub fn slot(&self) -> &Slot {
-        &self.slot
     }
 
     /// Whether the launcher still lives. A system call: not every scan.

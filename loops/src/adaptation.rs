@@ -125,7 +125,7 @@ pub struct AdaptationState {
     /// What of it is in force.
     in_force: [f64; BELIEVED],
     /// Part of Coulomb friction that the last stroke left unexplained.
-    unexplained: f64,
+    pub unexplained: f64,
     /// Strokes that taught something, and those that did not.
     strokes: [f64; 2],
     load: LoadState,
@@ -396,11 +396,6 @@ impl Seen {
 }
 
 impl AdaptationState {
-    /// Part of Coulomb friction that the last stroke left unexplained.
-    pub fn unexplained(&self) -> f64 {
-        self.unexplained
-    }
-
     /// Level of friction that is in force; `tuned` before it has begun.
     pub fn level(&self, tuned: f64) -> Level {
         if self.begun == 0 {

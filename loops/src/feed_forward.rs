@@ -41,7 +41,8 @@ impl PeriodState {
 pub struct MovementCommands {
     movement: [i64; PERIODS_MAX],
     rest: [bool; PERIODS_MAX],
-    count: usize,
+    /// Periods known, the previous and the present one included.
+    pub count: usize,
 }
 
 impl MovementCommands {
@@ -102,11 +103,6 @@ impl MovementCommands {
     pub fn is_rest(&self, index: usize) -> bool {
         index >= self.count || self.rest.get(index).copied().unwrap_or(true)
     }
-
-    /// Periods known, the previous and the present one included.
-    pub fn count(&self) -> usize {
-        self.count
-    }
 }
 
 /// Speed command smoothed over one interpolation period and known ahead, without recursion.
@@ -139,7 +135,7 @@ impl FeedForward {
         let remainder = place - index * n;
         // NaN and negative places (settings that no machine file can have) fall on the previous period.
         let index = index as usize;
-        let last = movement.count().saturating_sub(1);
+        let last = movement.count.saturating_sub(1);
         let here = movement.get(index.min(last)) as f64;
         let next = movement.get((index + 1).min(last)) as f64;
         self.coefficient * ((n - remainder) * here + remainder * next) / (n * n)

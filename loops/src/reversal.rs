@@ -295,7 +295,7 @@ fn first_reversal(direction: i64, movement: &MovementCommands) -> Option<usize> 
     }
     let mut candidate = None;
     let mut travel = 0i64;
-    for index in 1..movement.count() {
+    for index in 1..movement.count {
         let back = movement.get(index).saturating_mul(-direction);
         if candidate.is_none() && back > 0 {
             candidate = Some(index);
@@ -321,7 +321,7 @@ fn acceleration(direction: i64, at: usize, movement: &MovementCommands) -> Optio
     let back = |index: usize| movement.get(index).saturating_mul(direction) < 0;
     let (mut low, mut high) = if at == 1 {
         // It lies in the period that begins now: what follows takes the place of what is no longer known.
-        let goes_on = at + 1 < movement.count() && back(at + 1);
+        let goes_on = at + 1 < movement.count && back(at + 1);
         (0, if goes_on { 2 } else { 1 })
     } else {
         (at.checked_sub(2)?, at)
@@ -347,7 +347,7 @@ fn acceleration(direction: i64, at: usize, movement: &MovementCommands) -> Optio
             return Some((difference, high - low));
         }
         let lower = low.checked_sub(1).filter(|i| onward(*i));
-        let higher = Some(high + 1).filter(|i| *i < movement.count() && back(*i));
+        let higher = Some(high + 1).filter(|i| *i < movement.count && back(*i));
         if lower.is_none() && higher.is_none() {
             return None;
         }

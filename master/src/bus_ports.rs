@@ -251,7 +251,7 @@ impl BusPorts {
             roster: Roster::zeroed(),
             answers: Answers::of_axes(machine.axes.len()),
             clock: Clock {
-                pace: member.slot().pace,
+                pace: member.slot.pace,
                 period_ns: u64::from(machine.scan.period_us) * 1000,
                 next_ns: 0,
                 answer_limit,
@@ -323,7 +323,7 @@ impl BusPorts {
         let page = &self.member.page;
         self.seen_before_waking = (asked.places != 0).then(|| page.master_signal().count());
         page.expect_answers(asked.count());
-        page.set_answered(self.member.slot().index, scan);
+        page.set_answered(self.member.slot.index, scan);
         self.ports.feedback.send(feedback);
         page.scan_signal().raise();
         if ask_planner {

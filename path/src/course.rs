@@ -165,7 +165,7 @@ impl<'a> Course<'a> {
         let mut course = Self {
             part,
             range: range.clone(),
-            limits: part.plan_limits(),
+            limits: &part.plan_limits,
             axis_count: part.limits().axes().len(),
             scan_period_s: part.limits().scan_period_s(),
             stretches: Vec::new(),

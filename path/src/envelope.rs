@@ -46,7 +46,7 @@ impl EnvelopeKey {
 
 #[derive(Debug, Clone)]
 pub(crate) struct Envelope {
-    key: EnvelopeKey,
+    pub key: EnvelopeKey,
     squared_mm2_s2: VecDeque<f64>,
     /// Border of the first of them.
     first: usize,
@@ -55,9 +55,9 @@ pub(crate) struct Envelope {
     to: usize,
     piece: usize,
     /// A border was asked for that the map does not reach far enough to know.
-    ran_short: bool,
+    pub ran_short: bool,
     /// The lowest speed at the end of a block that was so low only for what lies behind it being looked at no further.
-    limited_mm_s: Option<f64>,
+    pub limited_mm_s: Option<f64>,
 }
 
 impl Envelope {
@@ -76,10 +76,10 @@ impl Envelope {
 
     /// Makes room for the borders of a map that has grown or let go of its start.
     pub fn follow(&mut self, map: &SpeedMap) {
-        let gone = map.first_segment().saturating_sub(self.first);
+        let gone = map.first_segment.saturating_sub(self.first);
         self.squared_mm2_s2
             .drain(..gone.min(self.squared_mm2_s2.len()));
-        self.first = map.first_segment();
+        self.first = map.first_segment;
         self.from = self.from.max(self.first);
         if self.to < self.from {
             self.to = self.from;
@@ -95,20 +95,6 @@ impl Envelope {
             self.key = key;
             (self.from, self.to) = (0, 0);
         }
-    }
-
-    pub fn key(&self) -> EnvelopeKey {
-        self.key
-    }
-
-    /// Whether something was asked since the last [`Envelope::select`] that is not known yet.
-    pub fn ran_short(&self) -> bool {
-        self.ran_short
-    }
-
-    /// The lowest speed that the horizon allows, of the places where the path would have gone faster.
-    pub fn limited_by_look_ahead_mm_s(&self) -> Option<f64> {
-        self.limited_mm_s
     }
 
     /// Square of the highest speed at the start of segment `border`, in mm²/s².

@@ -63,7 +63,7 @@ pub struct PathPart {
     length_mm: f64,
     previous_end: Option<AxisVector>,
     limits: MotionLimits,
-    plan_limits: PlanLimits,
+    pub(crate) plan_limits: PlanLimits,
     override_max: f64,
 }
 
@@ -247,10 +247,6 @@ impl PathPart {
     /// The limits of the axes.
     pub fn limits(&self) -> &MotionLimits {
         &self.limits
-    }
-
-    pub(crate) fn plan_limits(&self) -> &PlanLimits {
-        &self.plan_limits
     }
 }
 

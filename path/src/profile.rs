@@ -58,7 +58,7 @@ pub(crate) struct Traveller<'a> {
     /// The first element that is not begun yet.
     until_element: u32,
     /// It has come to a place that is not mapped yet.
-    ran_short: bool,
+    pub ran_short: bool,
 }
 
 impl<'a> Traveller<'a> {
@@ -77,11 +77,6 @@ impl<'a> Traveller<'a> {
             until_element,
             ran_short: false,
         }
-    }
-
-    /// Whether the map does not reach as far as the motion.
-    pub fn ran_short(&self) -> bool {
-        self.ran_short
     }
 
     /// Whether it is at the place that it is not to go beyond. The map rests there.
@@ -111,7 +106,7 @@ impl<'a> Traveller<'a> {
             feed_override,
             single_block,
             ..
-        } = envelope.key();
+        } = envelope.key;
         if feed_override <= 0.0 {
             return self.brake();
         }
@@ -150,7 +145,7 @@ impl<'a> Traveller<'a> {
 
     /// Moves on for so long, up to the next wait; what is left of the time then.
     fn travel(&mut self, envelope: &mut Envelope, left_s: &mut f64) {
-        let key = envelope.key();
+        let key = envelope.key;
         let single_block = key.single_block;
         // At most four phases on a segment, and each segment once.
         let phases_max = 4 * self.map.segment_end().saturating_sub(self.segment) + 4;
@@ -353,7 +348,7 @@ impl<'a> Traveller<'a> {
             let off = squared - nominal_mm_s * nominal_mm_s;
             if off.abs() <= tolerance {
                 let time_s = profile.time_at_s(at_mm) / pace + *left_s;
-                let over_s = time_s - profile.travel_time_s() / pace;
+                let over_s = time_s - profile.travel_time_s / pace;
                 if over_s >= -ARRIVAL_S {
                     *left_s = over_s.clamp(0.0, *left_s);
                     self.arrive_at_rest(segment);

@@ -116,12 +116,13 @@ pub struct SpeedMap {
     next_block: u32,
     segments: VecDeque<Segment>,
     /// Segments that were let go.
-    first_segment: usize,
+    pub(crate) first_segment: usize,
     moves: Vec<Move>,
     /// Moves that were let go.
     first_move: usize,
     limited_by_window_mm_s: Option<f64>,
-    limited_by_reading_mm_s: Option<f64>,
+    /// The lowest path speed that reading keeps up with, of the blocks where the path would have gone faster.
+    pub(crate) limited_by_reading_mm_s: Option<f64>,
     /// Up to here every element has its segments.
     done_to: u32,
     complete: bool,
@@ -229,7 +230,7 @@ impl SpeedMap {
     fn lay(&mut self, part: &PathPart, block: Range<u32>, segments: Vec<Segment>) {
         let limits = part.limits();
         let reach_s = smoothing::reach_s(limits.smoothing_scans(), limits.scan_period_s());
-        let fastest_mm_s = part.plan_limits().fastest_mm_s();
+        let fastest_mm_s = part.plan_limits.fastest_mm_s();
         let override_max = self.override_max();
         let beside_mm = beside_mm(part, &block);
         let mut placed: Vec<Placed> = Vec::with_capacity(segments.len());
@@ -258,7 +259,7 @@ impl SpeedMap {
         };
         let limits = part.limits();
         let reach_s = smoothing::reach_s(limits.smoothing_scans(), limits.scan_period_s());
-        let reach_mm = part.plan_limits().fastest_mm_s() * reach_s;
+        let reach_mm = part.plan_limits.fastest_mm_s() * reach_s;
         let until_mm = block.end_mm + reach_mm;
         let all = part.is_complete() && self.next_block >= part.end();
         let reaches = |of: &LaidBlock| {
@@ -365,11 +366,6 @@ impl SpeedMap {
         self.limited_by_window_mm_s
     }
 
-    /// The lowest path speed that reading keeps up with, of the blocks where the path would have gone faster.
-    pub(crate) fn limited_by_reading_mm_s(&self) -> Option<f64> {
-        self.limited_by_reading_mm_s
-    }
-
     /// Highest override it provides for.
     pub fn override_max(&self) -> f64 {
         self.settings.override_max()
@@ -429,11 +425,6 @@ impl SpeedMap {
             holds_to,
             is_end: false,
         })
-    }
-
-    /// Index of the first segment at hand.
-    pub(crate) fn first_segment(&self) -> usize {
-        self.first_segment
     }
 
     /// Index behind the last segment at hand.

@@ -370,7 +370,7 @@ impl WindowPlanner {
             }
         }
         // Speeds beyond what is known are guesses: such a window is thrown away rather than handed on.
-        if scans.traveller.ran_short() || self.envelope.ran_short() {
+        if scans.traveller.ran_short || self.envelope.ran_short {
             setpoints.clear();
             return Err(PlanError::NotAtHand);
         }
@@ -421,10 +421,7 @@ impl WindowPlanner {
 
     /// The lowest path speed that the tool is held to because no more of the path is looked at, or read in time; none where it is not.
     pub fn speed_limited_by_look_ahead_mm_s(&self) -> Option<f64> {
-        let limits = [
-            self.map.limited_by_reading_mm_s(),
-            self.envelope.limited_by_look_ahead_mm_s(),
-        ];
+        let limits = [self.map.limited_by_reading_mm_s, self.envelope.limited_mm_s];
         limits.into_iter().flatten().reduce(f64::min)
     }
 
@@ -599,7 +596,7 @@ impl Scans<'_> {
         // The increments tell rest as well: drives must see a speed of zero at the end of the window.
         while setpoints.len() < setpoints_max {
             self.traveller.brake();
-            if self.traveller.ran_short() {
+            if self.traveller.ran_short {
                 return Err(PlanError::NotAtHand);
             }
             let after = self.follow(setpoints);

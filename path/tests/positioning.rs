@@ -139,7 +139,7 @@ fn the_rest_after_each_rapid_is_what_the_program_has() {
     let indices: Vec<u32> = moves.iter().map(|of| of.element).collect();
     // 0 over, 1 down, 2 feed, 3 wait, 4 up; 5 over, 6 down, 7 feed, 8 wait, 9 up.
     assert_eq!(indices, [0, 1, 4, 5, 6, 9]);
-    let time_s = |element| move_of(&planner, element).profile.travel_time_s();
+    let time_s = |element| move_of(&planner, element).profile.travel_time_s;
     // Feeding 12 mm at 20 mm/s under friction of a fifth of the rating counts for 96 % of its time.
     let cutting_s = 12.0 / 20.0 * (1.0 - 0.2f64.powi(2));
     let near =
@@ -174,8 +174,8 @@ fn more_rest_makes_a_rapid_faster_and_none_is_above_the_rating() {
         let moves = planner.speed_map().moves().to_vec();
         assert_eq!(moves.len(), 4);
         let first = moves[0];
-        assert!(first.profile.travel_time_s() < before_s);
-        before_s = first.profile.travel_time_s();
+        assert!(first.profile.travel_time_s < before_s);
+        before_s = first.profile.travel_time_s;
         let load = positioning.loads[0].unwrap();
         let share = load.rms_share(&first.profile, first.rest_s[0]);
         assert!(share <= 1.0 && (share - first.rms_share[0]).abs() < 1e-9);
@@ -207,7 +207,7 @@ fn the_rows_of_a_rapid_lie_on_the_parabola() {
     let elements = shuttle(30.0, 2, 0.1);
     let mut planner = planner(&elements, limits(1000.0, 50_000.0), Some(&positioning));
     let of_move = planner.speed_map().moves()[0];
-    let r = of_move.profile.travel_time_s();
+    let r = of_move.profile.travel_time_s;
     let setpoints = setpoints(&mut planner, 8);
     let first = setpoints
         .iter()

@@ -190,7 +190,7 @@ impl Course {
     /// Nothing more is known before the answer is. The way of a probe is taken as the program has it.
     fn ask(&mut self) -> Result<(), CourseError> {
         let (Some((number, probes)), Some(question)) =
-            (self.events.question(), self.reading.question().cloned())
+            (self.events.question, self.reading.question().cloned())
         else {
             return Ok(());
         };
@@ -354,7 +354,7 @@ impl Course {
     ) -> Result<WindowOutcome, PlanError> {
         let done = feedback.auxiliary.events_done;
         request.until_element = self.events.until_element(done);
-        let passes = self.events.passes();
+        let passes = &self.events.passes;
         let windows = &self.windows;
         let pass = in_step::pass_from(passes, windows.path(), from, request.until_element);
         if let Some(pass) = pass.filter(|_| !from.waits_for_start) {

@@ -50,14 +50,15 @@ pub struct Events {
     /// Elements that are not read yet and rest before they begin: a question, or its end, comes before them.
     rests_at: Vec<u32>,
     /// The question that was read last: its number, and whether it is a probe's.
-    question: Option<(u32, bool)>,
+    pub question: Option<(u32, bool)>,
     /// The element that the last probe ended in that is done.
-    probed: Option<u32>,
+    pub probed: Option<u32>,
     /// Some of them were let go: for another run they are read again.
     forgotten: bool,
     /// What is in step with the spindle.
     steps: Steps,
-    passes: VecDeque<Pass>,
+    /// What is travelled in step with the spindle, in order.
+    pub passes: VecDeque<Pass>,
 }
 
 /// What the events of the elements ahead depend on, where none waits for its element.
@@ -402,16 +403,6 @@ impl Events {
         self.said.push_back((at_rest.count(), said));
     }
 
-    /// The question that was read last: its number, and whether it is a probe's.
-    pub fn question(&self) -> Option<(u32, bool)> {
-        self.question
-    }
-
-    /// The element in which the last probing motion ended that is done: its tool is at the element's end, wherever that was seen.
-    pub fn probed(&self) -> Option<u32> {
-        self.probed
-    }
-
     fn wait(&mut self, line: u32, of_wire: (EventCode, u32, f64, bool)) {
         let (code, index, value, in_motion) = of_wire;
         if is_of_offset(code as u32) {
@@ -538,11 +529,6 @@ impl Events {
         }
     }
 
-    /// What is travelled in step with the spindle, in order.
-    pub fn passes(&self) -> &VecDeque<Pass> {
-        &self.passes
-    }
-
     /// Lets go of the passes before an element.
     pub fn forget_passes(&mut self, element: u32) {
         while self
@@ -557,7 +543,7 @@ impl Events {
 
     /// Whether a run has done, said or let go some of them: another run does not find all.
     pub fn has_begun(&self) -> bool {
-        self.forgotten || self.messages.passed() > 0
+        self.forgotten || self.messages.passed > 0
     }
 
     /// Lets go of those that are done.

@@ -182,7 +182,7 @@ impl LineSearch {
     }
 
     fn place(&self, element: u32) -> Result<StartPlace, LineError> {
-        let passes = self.course.events.passes();
+        let passes = &self.course.events.passes;
         let before = element.checked_sub(1);
         let within = before.is_some_and(|before| in_step::pass_of(passes, before).is_some())
             && in_step::pass_of(passes, element).is_some();

@@ -27,7 +27,7 @@ pub struct Messages {
     /// Number of the last one that was read.
     last: u32,
     /// Of the last one that the path has come to.
-    passed: u32,
+    pub passed: u32,
     waiting: VecDeque<Waiting>,
     /// So many of them, from the front, are written where readers find them.
     written: usize,
@@ -46,11 +46,6 @@ impl Messages {
     /// How many were read.
     pub fn last(&self) -> u32 {
         self.last
-    }
-
-    /// How many the path has come to.
-    pub fn passed(&self) -> u32 {
-        self.passed
     }
 
     /// The next text, with its number.
@@ -146,14 +141,14 @@ mod tests {
             read(&mut messages, line, element, 0);
         }
         messages.pass(|_, _| true);
-        assert_eq!(messages.passed(), 0);
+        assert_eq!(messages.passed, 0);
         let mut out = Vec::new();
         messages.write(3, |_, _| false, &mut out);
         assert_eq!(out.len(), 2);
         messages.pass(|element, _| element <= 2);
-        assert_eq!(messages.passed(), 1);
+        assert_eq!(messages.passed, 1);
         messages.pass(|_, _| true);
-        assert_eq!(messages.passed(), 2);
+        assert_eq!(messages.passed, 2);
         out.clear();
         messages.write(3, |_, _| true, &mut out);
         assert_eq!(out.len(), 1);
@@ -172,7 +167,7 @@ mod tests {
         messages.write(1, |_, _| true, &mut out);
         messages.pass(|_, _| true);
         assert_eq!(out.len(), AT_A_TIME);
-        assert_eq!(messages.passed(), 1_000_000, "the last one is said");
+        assert_eq!(messages.passed, 1_000_000, "the last one is said");
         read(&mut messages, 7, 2, 0);
         let mut out = Vec::new();
         messages.write(2, |_, _| true, &mut out);

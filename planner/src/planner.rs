@@ -717,7 +717,7 @@ impl Planner {
         if !course.is_ready(interrupted_at.element) {
             return None;
         }
-        let probed = Some(interrupted_at.element) == course.events.probed();
+        let probed = Some(interrupted_at.element) == course.events.probed;
         let end_mm = windows.path().get(interrupted_at.element);
         let end_mm = end_mm.map_or(0.0, |element| element.length_mm);
         let resumed = PathState::resume(
@@ -747,7 +747,7 @@ impl Planner {
         // A tap in its thread goes on from where it stands; what it is off its line is made up for so slowly that the spindle follows.
         let mut state = state;
         let coupled = feedback.auxiliary.coupled != 0;
-        let tap = in_step::pass_of(course.events.passes(), state.element);
+        let tap = in_step::pass_of(&course.events.passes, state.element);
         if let Some(tap) = tap.filter(|pass| pass.tap && coupled) {
             state.distance_mm = in_step::distance_on(windows, &tap, &here)?;
             if windows.setpoint(&state)?.position_increments == here {

@@ -172,17 +172,17 @@ impl BusPorts {
     /// [`CellError::Transport`], also if the cell has a planner already.
     pub fn open(member: Rc<Member>, period_scans: u32, stays: bool) -> Result<BusPorts, CellError> {
         let bus = &member.bus;
-        let paths = CellPaths::new(&member.slot().cell)?;
+        let paths = CellPaths::new(&member.slot.cell)?;
         Ok(BusPorts {
             feedback: bus.feedback_reader(SCAN_DEPTH)?,
             windows: bus.window_writer()?,
             status: bus.planner_writer()?,
             boundaries: Boundaries {
                 period_scans: u64::from(period_scans.max(1)),
-                lockstep: member.slot().pace == Pace::Lockstep,
+                lockstep: member.slot.pace == Pace::Lockstep,
                 answered: None,
             },
-            last: member.slot().after_scan,
+            last: member.slot.after_scan,
             places: KeptPlaces::of_cell(&paths),
             keeper: Keeper::of_cell(paths.clone(), stays),
             messages: MessageWriter::new(paths.messages()),

@@ -147,7 +147,7 @@ fn print_in_step(checked: &Checked, program: &Program) {
     let Ok((windows, events)) = planner::course(&checked.machine, program.clone()) else {
         return;
     };
-    for need in planner::needs_in_step(&checked.machine, &windows, events.passes()) {
+    for need in planner::needs_in_step(&checked.machine, &windows, &events.passes) {
         say(&format!("  {need}"));
     }
 }

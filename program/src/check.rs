@@ -81,7 +81,7 @@ pub fn check_file(
     }
     execution.finish(&name)?;
     execution.interpreter.note_open();
-    let end = execution.end();
+    let end = execution.end;
     let output = execution.interpreter.route.output;
     let Counts {
         elements,

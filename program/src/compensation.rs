@@ -160,9 +160,11 @@ struct Last {
 /// A compensation that is on.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Compensation<T, E> {
-    side: Side,
+    /// The side that the tool is on.
+    pub side: Side,
     radius_mm: f64,
-    plane: [usize; 2],
+    /// The plane it works in.
+    pub plane: [usize; 2],
     across: Option<usize>,
     tip: Flat,
     /// End of the last programmed move.
@@ -214,16 +216,6 @@ impl<T: Clone, E> Compensation<T, E> {
             last: None,
             waiting: Vec::new(),
         }
-    }
-
-    /// The side that the tool is on.
-    pub fn side(&self) -> Side {
-        self.side
-    }
-
-    /// The plane it works in.
-    pub fn plane(&self) -> [usize; 2] {
-        self.plane
     }
 
     /// Takes the next programmed move; what is final by it goes to `out`.

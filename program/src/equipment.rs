@@ -13,8 +13,10 @@ use crate::straight::Axes;
 #[derive(Debug, Clone, Default)]
 pub struct Equipment {
     setup: Arc<Setup>,
-    rotary: RotaryAxes,
-    axes: Axes,
+    /// Which axes turn.
+    pub rotary: RotaryAxes,
+    /// The axes as blocks of straight motion need them.
+    pub straight_axes: Axes,
 }
 
 impl Deref for Equipment {
@@ -35,18 +37,8 @@ impl Equipment {
         Self {
             setup: Arc::clone(setup),
             rotary,
-            axes: Axes::of(setup),
+            straight_axes: Axes::of(setup),
         }
-    }
-
-    /// Which axes turn.
-    pub fn rotary(&self) -> &RotaryAxes {
-        &self.rotary
-    }
-
-    /// The axes as blocks of straight motion need them.
-    pub fn straight_axes(&self) -> &Axes {
-        &self.axes
     }
 
     /// The axis of a letter, if it is a slide.

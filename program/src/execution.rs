@@ -162,7 +162,8 @@ pub struct Execution {
     /// There were more problems than are kept.
     #[serde(skip)]
     more: bool,
-    end: ProgramEnd,
+    /// How the program ended.
+    pub end: ProgramEnd,
     opened_by_percent: bool,
     #[serde(skip)]
     raw: String,
@@ -196,11 +197,6 @@ impl Execution {
             return Ok(());
         }
         self.source.find_files()
-    }
-
-    /// How the program ended.
-    pub fn end(&self) -> ProgramEnd {
-        self.end
     }
 
     /// Does the next line, and goes on behind mistakes; true at the end of the program, or where there are enough problems.

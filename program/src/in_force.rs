@@ -24,7 +24,7 @@ pub struct InForce {
     motion: Motion,
     modes: ModalState,
     /// G98 or G99 was said.
-    return_was_said: bool,
+    pub return_was_said: bool,
 }
 
 impl Deref for InForce {
@@ -59,11 +59,6 @@ impl InForce {
             coolant: self.modes.coolant,
             ..*saved
         };
-    }
-
-    /// Whether a program has said G98 or G99.
-    pub fn return_was_said(&self) -> bool {
-        self.return_was_said
     }
 
     /// Program units to mm.

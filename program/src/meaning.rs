@@ -311,7 +311,7 @@ impl State {
             modes: *self.in_force.modes(),
             work_offset: self.parameters.get(base::WORK_OFFSET),
             tool_length: *self.offsets.tool(),
-            tool_length_of: self.tools.offset_of(),
+            tool_length_of: self.tools.offset_of,
         }
     }
 

@@ -5,7 +5,6 @@
 use path::geometry::AxisVector;
 use serde::{Deserialize, Serialize};
 
-
 /// The offsets in force, in mm and degrees.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Offsets {

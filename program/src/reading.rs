@@ -165,7 +165,7 @@ impl Reading {
         }
         self.execution.finish(&self.name)?;
         self.execution.interpreter.note_open();
-        Ok(Some(self.execution.end()))
+        Ok(Some(self.execution.end))
     }
 
     /// What the interpreter knows between two blocks, for going on here in another process: some kB. Of a program that asks something

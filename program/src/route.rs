@@ -110,7 +110,7 @@ impl Route {
         if self.beside.is_some() || self.output.check_room(1.0, 0).is_err() {
             return false;
         }
-        let rotary = state.equipment().rotary();
+        let rotary = &state.equipment().rotary;
         let length_mm = displacement_length_mm(&(leg.to - state.position()), rotary);
         let from = state.go_straight(leg);
         self.output.straight_feeds += u32::from(leg.feed != Feed::Rapid);
@@ -148,7 +148,7 @@ impl Route {
     }
 
     fn add_piece(&mut self, state: &State, line: u32, shape: Shape, feed: Feed) {
-        let mut element = Element::new(line, shape, feed, state.equipment().rotary());
+        let mut element = Element::new(line, shape, feed, &state.equipment().rotary);
         if element.length_mm > 0.0 {
             (element.tolerance, element.rests_before) = self.exactness(state);
             self.output.add(element);

@@ -22,11 +22,11 @@ pub fn is_tool(number: f64) -> bool {
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub struct Tools {
     /// T: the next one.
-    prepared: Option<u32>,
+    pub prepared: Option<u32>,
     /// The one in the spindle; 0 for none.
-    in_spindle: u32,
+    pub in_spindle: u32,
     /// The one whose offset is applied; 0 where it is none's.
-    offset_of: u32,
+    pub offset_of: u32,
     table: Arc<Vec<Tool>>,
 }
 
@@ -56,21 +56,6 @@ impl Tools {
     /// The tool of a number.
     pub fn find(&self, number: u32) -> Option<&Tool> {
         self.table.iter().find(|tool| tool.number == number)
-    }
-
-    /// Number of the tool in the spindle; 0 for none.
-    pub fn in_spindle(&self) -> u32 {
-        self.in_spindle
-    }
-
-    /// Number of the next tool.
-    pub fn prepared(&self) -> Option<u32> {
-        self.prepared
-    }
-
-    /// Number of the tool whose offset is applied; 0 where it is none's.
-    pub fn offset_of(&self) -> u32 {
-        self.offset_of
     }
 
     /// Refuses a tool that the table does not have.

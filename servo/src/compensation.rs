@@ -49,7 +49,7 @@ pub struct ModelSettings {
     /// Level of friction that it begins with, as a part of the tuned one.
     level: f64,
     /// Lead of the speed that is fed forward, in scans: its advance less the scan that movement commands are centred back.
-    speed_lead_scans: f64,
+    pub(crate) speed_lead_scans: f64,
     /// Tp, in s.
     scan_s: f64,
     /// Axis units per increment, in mm.
@@ -336,11 +336,6 @@ impl ModelSettings {
         let position_mm = |ahead: f64| self.position_mm(ahead, &setpoint);
         let travel_mm = position_mm(middle + 0.5) - position_mm(middle - 0.5);
         travel_mm / self.scan_s
-    }
-
-    /// Lead of a speed that is fed forward beside that of the setpoints, in scans.
-    pub(crate) fn path_speed_lead_scans(&self) -> f64 {
-        self.speed_lead_scans
     }
 
     /// Lead of a torque that accelerates the axis, in scans; none where acceleration is not fed forward.

@@ -98,7 +98,7 @@ impl Servo {
 
     /// Headers of the windows it holds: the one being executed and the one that waits.
     pub fn windows(&self) -> [&WindowHeader; 2] {
-        [self.windows.held.header(), self.windows.pending.header()]
+        [&self.windows.held.header, &self.windows.pending.header]
     }
 
     /// Its settings.
@@ -427,7 +427,7 @@ impl Servo {
             axis: self.settings.axis as u32,
             role: self.role,
             incarnation: self.incarnation,
-            ahead_scans: self.settings.manual.ahead_scans(),
+            ahead_scans: self.settings.manual.ahead_scans,
             drive_mode: match self.settings.drive_mode {
                 DriveMode::Velocity => 0,
                 DriveMode::Torque => 1,
@@ -469,7 +469,7 @@ impl Servo {
         command.torque_cut_nm = self.state.model.torque_cut_nm;
         let (model, learned) = (&self.settings.model, self.learned.as_deref());
         command.friction_level = model.friction_level(&self.state.model, learned);
-        command.friction_unexplained = self.state.model.adaptation.unexplained();
+        command.friction_unexplained = self.state.model.adaptation.unexplained;
         if self.settings.has_standby || command.scan.is_multiple_of(STATE_EVERY_SCANS) {
             self.state.put_into(&mut command);
         }

@@ -70,7 +70,7 @@ pub enum Refusal {
 /// One window in a buffer that is allocated once.
 #[derive(Debug, Clone)]
 pub(crate) struct HeldWindow {
-    header: WindowHeader,
+    pub(crate) header: WindowHeader,
     setpoints: Vec<Setpoint>,
 }
 
@@ -88,10 +88,6 @@ impl HeldWindow {
 
     pub(crate) fn is_none(&self) -> bool {
         self.header.id.is_none()
-    }
-
-    pub(crate) fn header(&self) -> &WindowHeader {
-        &self.header
     }
 
     /// The caller has checked that the setpoints fit.
@@ -293,11 +289,11 @@ pub(crate) fn check_seam(
             // servo that does. From this window on it is ready.
             return Ok(());
         }
-        if header.first_scan <= held.header().first_scan {
+        if header.first_scan <= held.header.first_scan {
             return Err(Refusal::Predecessor);
         }
         let setpoint =
-            i64::try_from(header.first_scan - held.header().first_scan).unwrap_or(i64::MAX);
+            i64::try_from(header.first_scan - held.header.first_scan).unwrap_or(i64::MAX);
         let last = [setpoint.saturating_sub(2), setpoint - 1];
         let [before, last] = last.map(|setpoint| held.position(axis, setpoint));
         RowLimits::starting(settings, feedback, (before, last))

@@ -38,7 +38,7 @@ pub struct ManualController {
     changeover: Changeover,
     speed_per_increment_per_s: f64,
     /// Scans that what is fed forward looks ahead.
-    ahead_scans: u32,
+    pub(crate) ahead_scans: u32,
 }
 
 /// What [`ManualController`] remembers (docs/methods/two-controllers.md).
@@ -110,11 +110,6 @@ impl ManualController {
             ahead_scans: ahead_scans.min(AHEAD_SCANS_MAX),
             speed_per_increment_per_s: gain_per_s * increment_mm,
         }
-    }
-
-    /// Scans that it looks ahead.
-    pub(crate) fn ahead_scans(&self) -> u32 {
-        self.ahead_scans
     }
 
     /// Where the course of this feedback is now, was, and will be.

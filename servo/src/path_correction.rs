@@ -36,7 +36,7 @@ pub(crate) fn added(
     let at = |ahead: f64| value_mm(settings, correction, setpoints, ahead);
     let model = &settings.model;
     // Setpoints before this scan are not known in the first scan of a window: nothing here looks back.
-    let middle = model.path_speed_lead_scans().max(0.5);
+    let middle = model.speed_lead_scans.max(0.5);
     let step_mm = at(middle + 0.5) - at(middle - 0.5);
     let forward = if settings.feed_forward_enabled {
         settings.feed_forward.coefficient

@@ -66,7 +66,7 @@ impl BusPorts {
             windows: bus.window_reader(SCAN_DEPTH)?.with_horizon(HORIZON_SCANS),
             command: bus.command_writer(axis, role)?,
             peer: peer.transpose()?,
-            last: member.slot().after_scan,
+            last: member.slot.after_scan,
             member,
         })
     }

@@ -69,7 +69,7 @@ impl<'a> Setpoints<'a> {
 
     /// Hash of the program that the window in force belongs to; 0 without one.
     pub fn program_hash(&self) -> u64 {
-        self.windows.held.header().program_hash
+        self.windows.held.header.program_hash
     }
 
     /// Where on the path the setpoint `ahead` scans from this one is; none without a window.

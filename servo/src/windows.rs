@@ -79,7 +79,7 @@ impl Windows {
 
     /// What was held before the window in force, and is not what that follows, says nothing of the scans before it.
     fn forget_stranger(&mut self) {
-        if self.before.id() != self.held.header().predecessor {
+        if self.before.id() != self.held.header.predecessor {
             self.before.clear();
         }
     }
@@ -94,7 +94,7 @@ impl Windows {
                 self.pending.clear();
                 self.forget_stranger();
             } else {
-                let header = self.pending.header();
+                let header = &self.pending.header;
                 let missed = feedback.scan >= header.first_scan;
                 let orphaned = header.predecessor != feedback.window;
                 if feedback.voided == id || missed || orphaned {
@@ -121,7 +121,7 @@ impl Windows {
         if setpoint >= 0 || self.before.is_none() {
             return self.held.position(axis, setpoint);
         }
-        let [begins, began] = [&self.held, &self.before].map(|of| of.header().first_scan);
+        let [begins, began] = [&self.held, &self.before].map(|of| of.header.first_scan);
         let passed = i64::try_from(begins.saturating_sub(began)).unwrap_or(i64::MAX);
         self.before.position(axis, passed.saturating_add(setpoint))
     }

@@ -97,7 +97,7 @@ pub(super) struct DriveAxis {
     walk: StateWalk,
     homing: DriveHoming,
     /// Increments counted over the ends of 32 bits.
-    counted: i64,
+    pub counted: i64,
     /// It has been seen once: `counted` is its own.
     seen: bool,
     device: DeviceState,
@@ -111,9 +111,10 @@ pub(super) struct DriveAxis {
     left_over: f64,
     /// Where the drive is to be, if it closes the position loop.
     target: PositionTarget,
-    shown: DriveFeedback,
+    /// What it shows.
+    pub shown: DriveFeedback,
     /// Object 60FDh as it was shown last; 0 while the drive is lost.
-    digital_inputs: u32,
+    pub digital_inputs: u32,
 }
 
 impl DriveAxis {
@@ -142,21 +143,6 @@ impl DriveAxis {
             },
             digital_inputs: 0,
         })
-    }
-
-    /// What it shows.
-    pub fn shown(&self) -> &DriveFeedback {
-        &self.shown
-    }
-
-    /// Its digital inputs (object 60FDh); 0 where they are not in its process data, and while it is lost.
-    pub fn digital_inputs(&self) -> u32 {
-        self.digital_inputs
-    }
-
-    /// Increments counted over the ends of 32 bits.
-    pub fn counted(&self) -> i64 {
-        self.counted
     }
 
     /// Whether it knows its place.

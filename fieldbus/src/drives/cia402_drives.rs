@@ -124,7 +124,7 @@ impl<W: Wire> Cia402Drives<W> {
     fn look(&mut self) {
         for _ in 0..self.look_scans {
             self.exchange(&[DriveCommand::Disabled; MAX_AXES]);
-            let shows = |axis: &Axis| !axis.drive.shown().state.is_lost();
+            let shows = |axis: &Axis| !axis.drive.shown.state.is_lost();
             if self.axes.iter().all(shows) {
                 return;
             }
@@ -138,7 +138,7 @@ impl<W: Wire> Cia402Drives<W> {
             self.command(&[DriveCommand::Disabled; MAX_AXES]);
             self.outputs.image = self.outputs.silent;
             self.carry();
-            let rests = |axis: &Axis| axis.drive.shown().velocity_mm_s.abs() < REST_MM_S;
+            let rests = |axis: &Axis| axis.drive.shown.velocity_mm_s.abs() < REST_MM_S;
             if self.axes.iter().all(rests) {
                 return;
             }
@@ -148,7 +148,7 @@ impl<W: Wire> Cia402Drives<W> {
 
     /// Drives that are to be switched on and do not answer need another start-up of the bus, tried now and then.
     fn want_lost_drives_back(&mut self, commands: &[DriveCommand]) {
-        let lost = |axis: &Axis| axis.drive.shown().state.is_lost();
+        let lost = |axis: &Axis| axis.drive.shown.state.is_lost();
         if !commands.contains(&DriveCommand::SwitchOn) || !self.axes.iter().any(lost) {
             self.wanted_scans = 0;
             return;
@@ -221,7 +221,7 @@ impl<W: Wire> Drives for Cia402Drives<W> {
             state: DriveState::Lost { code: 0 },
             ..DriveFeedback::default()
         };
-        self.axes.get(axis).map_or(lost, |axis| *axis.drive.shown())
+        self.axes.get(axis).map_or(lost, |axis| axis.drive.shown)
     }
 
     fn exchange(&mut self, commands: &[DriveCommand]) {
@@ -230,7 +230,7 @@ impl<W: Wire> Drives for Cia402Drives<W> {
         let before = self
             .axes
             .iter()
-            .map(|axis| axis.drive.shown().motor_position_mm);
+            .map(|axis| axis.drive.shown.motor_position_mm);
         let mut before_mm = [0.0; MAX_AXES];
         for (kept, at) in before_mm.iter_mut().zip(before) {
             *kept = at;
@@ -238,7 +238,7 @@ impl<W: Wire> Drives for Cia402Drives<W> {
         self.carry();
         // There is no instrument: what the encoders showed is taken, evenly between two scans.
         for (axis, before_mm) in self.axes.iter_mut().zip(before_mm) {
-            let now_mm = axis.drive.shown().motor_position_mm;
+            let now_mm = axis.drive.shown.motor_position_mm;
             let samples = axis.samples.iter_mut().take(self.subsamples).enumerate();
             for (sub, sample) in samples {
                 let share = (sub + 1) as f64 / self.subsamples as f64;
@@ -254,7 +254,7 @@ impl<W: Wire> Drives for Cia402Drives<W> {
     fn inputs(&self) -> InputFeedback {
         let mut digital = 0;
         for axis in &self.axes {
-            let shown = axis.drive.digital_inputs();
+            let shown = axis.drive.digital_inputs;
             for (bit, number) in &axis.inputs {
                 let is_on = shown.checked_shr(*bit).unwrap_or(0) & 1;
                 digital |= u64::from(is_on).checked_shl(*number).unwrap_or(0);
@@ -279,7 +279,7 @@ impl<W: Wire> Drives for Cia402Drives<W> {
         let operational = states.filter(|(state, _)| operates(state)).count();
         let mut inputs = [0; MAX_AXES];
         for (shown, axis) in inputs.iter_mut().zip(&self.axes) {
-            *shown = u64::from(axis.drive.digital_inputs());
+            *shown = u64::from(axis.drive.digital_inputs);
         }
         Some(BusCycle {
             scan: 0,
@@ -320,7 +320,7 @@ impl<W: Wire> Drives for Cia402Drives<W> {
         let slots = bytes.as_chunks_mut::<SAVED_BYTES>().0;
         for (slot, axis) in slots.iter_mut().zip(&self.axes) {
             let referenced = u64::from(axis.drive.is_referenced());
-            let words = [axis.drive.counted() as u64, referenced];
+            let words = [axis.drive.counted as u64, referenced];
             slot.copy_from_slice(bytemuck::bytes_of(&words));
         }
     }

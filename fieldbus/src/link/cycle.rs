@@ -15,10 +15,12 @@ const WAIT_STEP_NS: u64 = 20_000_000;
 /// The cycle of a segment.
 #[derive(Debug)]
 pub struct Cycle {
-    socket: Rc<Socket>,
+    /// The socket.
+    pub socket: Rc<Socket>,
     frame: CycleFrame,
     buffer: [u8; FRAME_BYTES_MAX],
-    inputs: Inputs,
+    /// What came back last.
+    pub inputs: Inputs,
     expected: u32,
     period_ns: u64,
     sent_at_ns: u64,
@@ -47,11 +49,6 @@ impl Cycle {
             sent_at_ns: 0,
             followed: Followed::default(),
         }
-    }
-
-    /// The socket.
-    pub fn socket(&self) -> &Socket {
-        &self.socket
     }
 
     /// What was counted.
@@ -156,11 +153,6 @@ impl Cycle {
     /// Number of the newest frame that was seen of another sender.
     pub fn newest_followed(&self) -> u64 {
         self.followed.sent.map_or(0, |tag| tag.frame)
-    }
-
-    /// What came back last.
-    pub fn inputs(&self) -> &Inputs {
-        &self.inputs
     }
 }
 

@@ -51,7 +51,8 @@ pub enum Origin {
 #[derive(Debug)]
 pub struct Socket {
     socket: OwnedFd,
-    interface: String,
+    /// The interface's name.
+    pub interface: String,
 }
 
 /// Looks whether there is such an interface, and whether it can carry frames.
@@ -135,11 +136,6 @@ impl Socket {
             socket,
             interface: interface.into(),
         })
-    }
-
-    /// The interface's name.
-    pub fn interface(&self) -> &str {
-        &self.interface
     }
 
     /// Sees frames of the cable alone from now on.

@@ -150,7 +150,7 @@ impl<'a> Owner<'a> {
     pub fn take_over(process: &'a Process, bus: OwnedBus<'a>, mut cycle: Cycle) -> Owner<'a> {
         let page = &process.page;
         cycle.follow();
-        cycle.socket().ignore_own();
+        cycle.socket.ignore_own();
         let wiring = page.wiring();
         let (requested, answered) = (page.requested(), page.answered());
         if let Some(newest) = page.newest_inputs() {
@@ -167,7 +167,7 @@ impl<'a> Owner<'a> {
         let mut segment = Segment::of(process, cycle, wiring, done);
         segment.silent_scans = 0;
         match found {
-            Some((pending, Found::Answered)) => page.answer(pending, segment.cycle.inputs()),
+            Some((pending, Found::Answered)) => page.answer(pending, &segment.cycle.inputs),
             Some((pending, Found::Sent { frame })) => {
                 let until_ns = process.answer_until_ns();
                 let inputs = segment.cycle.receive(frame, until_ns, || true);
@@ -212,7 +212,7 @@ impl<'a> Owner<'a> {
 
 impl Process {
     fn answer_until_ns(&self) -> u64 {
-        now_ns().saturating_add(match self.member.slot().pace {
+        now_ns().saturating_add(match self.member.slot.pace {
             Pace::Realtime => (self.period_ns as f64 * ANSWER_SHARE) as u64,
             Pace::Lockstep => self.answer_limit.as_nanos() as u64,
         })
@@ -237,7 +237,7 @@ impl Segment {
     /// Exchanges cycles as they are asked for; in realtime the bus is kept alive while nobody asks.
     fn cycles(&mut self, process: &Process, claim: &mut Option<Claim>) -> End {
         let page = &process.page;
-        let realtime = process.member.slot().pace == Pace::Realtime;
+        let realtime = process.member.slot.pace == Pace::Realtime;
         let late_ns = (process.period_ns as f64 * LATE_SHARE) as u64;
         let mut looked = self.frame;
         loop {
@@ -260,7 +260,7 @@ impl Segment {
                 self.silent_scans = 0;
                 self.done = requested;
                 self.exchange(process, cycle, false);
-                page.answer(cycle, self.cycle.inputs());
+                page.answer(cycle, &self.cycle.inputs);
                 continue;
             }
             if !realtime {
@@ -290,7 +290,7 @@ impl Segment {
     /// When the next frame is due while the master asks for none: a scan later, or when the drives' clock wants it.
     fn next_by_itself_ns(&self, period_ns: u64) -> u64 {
         let most_ns = (period_ns / 8) as i64;
-        let late_ns = self.cycle.inputs().clock_late_ns / 4;
+        let late_ns = self.cycle.inputs.clock_late_ns / 4;
         (self.sent_at_ns + period_ns).saturating_add_signed(-late_ns.clamp(-most_ns, most_ns))
     }
 
@@ -337,7 +337,7 @@ impl Segment {
 
     /// Nobody drives the slaves any more: they go to INIT.
     fn put_to_rest(&mut self, process: &Process) {
-        if process.member.slot().pace == Pace::Realtime && !process.page.has_left() {
+        if process.member.slot.pace == Pace::Realtime && !process.page.has_left() {
             // The master has gone without a word: the drives are given the time to stop.
             for _ in 0..(500_000_000 / process.period_ns.max(1)) {
                 self.exchange(process, 0, true);
@@ -349,9 +349,9 @@ impl Segment {
         self.outputs.image = nothing;
         self.exchange(process, 0, false);
         for slave in self.wiring.slaves() {
-            request_state(self.cycle.socket(), slave.address, INIT);
+            request_state(&self.cycle.socket, slave.address, INIT);
         }
         // The requests are on the cable before the socket goes.
-        self.cycle.socket().wait(20_000_000);
+        self.cycle.socket.wait(20_000_000);
     }
 }

@@ -126,7 +126,7 @@ impl<'a> Standby<'a> {
             *pending = (answered, Instant::now());
         }
         let (_, since) = *pending;
-        let limit = match self.process.member.slot().pace {
+        let limit = match self.process.member.slot.pace {
             Pace::Realtime => Duration::from_nanos(self.process.period_ns) * HANGS_SCANS,
             Pace::Lockstep => HANGS_IN_LOCKSTEP,
         };

@@ -103,7 +103,7 @@ fn with_slaves(
     socket: &Rc<Socket>,
     mut each: impl FnMut(usize, AlStatus, &mut Talk<'_, '_, '_>) -> Result<(), StartUpError>,
 ) -> Result<(), StartUpError> {
-    let interface = socket.interface();
+    let interface = &socket.interface;
     let failed = |step: &str, what: String| StartUpError::at(interface, step, &what);
     let storage = Box::new(Storage::new());
     let (main, mut driver) = master(&storage, socket, MAILBOX, 0)
@@ -149,7 +149,7 @@ fn with_slave<T>(
     done.ok_or_else(|| {
         let step = format!("looking for place {place} on the cable");
         let what = format!("{count} answer, at places 0 to {}", count - 1);
-        StartUpError::at(socket.interface(), &step, &what)
+        StartUpError::at(&socket.interface, &step, &what)
     })
 }
 

@@ -88,7 +88,7 @@ fn friction_that_fell_or_rose_is_found_in_two_turns() {
         let last = levels[2];
         assert!((last.early - level).abs() < 0.03, "{level}: {levels:?}");
         assert!((last.late - level).abs() < 0.05, "{level}: {levels:?}");
-        assert!(state.unexplained() < 0.02, "{}", state.unexplained());
+        assert!(state.unexplained < 0.02, "{}", state.unexplained);
     }
 }
 

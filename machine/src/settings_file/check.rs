@@ -37,7 +37,7 @@ pub fn check(
         document,
         renamed,
         rotary_axes: document.rotary_axes(),
-        problems: Problems::of(document.name()),
+        problems: Problems::of(document.name),
         readable: true,
     };
     let file = Place {
@@ -45,7 +45,7 @@ pub fn check(
         path: String::new(),
         line: 1,
     };
-    check.table(schema, document.root(), &file);
+    check.table(schema, &document.root, &file);
     if check.readable {
         Ok(check.problems)
     } else {

@@ -10,9 +10,11 @@ use crate::settings_file::problems::Place;
 /// A TOML document with the positions of its keys.
 #[derive(Debug)]
 pub struct Document<'a> {
-    name: &'a str,
+    /// Name of the file.
+    pub name: &'a str,
     text: &'a str,
-    root: DeTable<'a>,
+    /// Its tables.
+    pub root: DeTable<'a>,
 }
 
 impl<'a> Document<'a> {
@@ -49,16 +51,6 @@ impl<'a> Document<'a> {
             Some(span) => format!("{name}:{}: {what}", self.line(span.start)),
             None => format!("{name}: {what}"),
         }
-    }
-
-    /// Name of the file.
-    pub fn name(&self) -> &'a str {
-        self.name
-    }
-
-    /// Its tables.
-    pub fn root(&self) -> &DeTable<'a> {
-        &self.root
     }
 
     /// The text of a value as the file has it.
@@ -148,7 +140,7 @@ impl<'a> Document<'a> {
 
     /// Which of its axes are rotary, in order.
     pub fn rotary_axes(&self) -> Vec<bool> {
-        let axes = self.root().get("axis").map(Spanned::get_ref);
+        let axes = self.root.get("axis").map(Spanned::get_ref);
         let axes = axes.and_then(DeValue::as_array).into_iter().flatten();
         axes.map(|axis| axis.get_ref().as_table().is_some_and(own_units::is_rotary))
             .collect()

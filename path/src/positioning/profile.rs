@@ -25,15 +25,18 @@
 /// of rotary axes) and s. At and beyond the ends it is at rest.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Profile {
-    distance_mm: f64,
-    travel_time_s: f64,
-    peak_acceleration_mm_s2: f64,
+    /// Distance from rest to rest, in mm.
+    pub distance_mm: f64,
+    /// Time from rest to rest, in s.
+    pub travel_time_s: f64,
+    /// Highest acceleration, at both ends, in mm/s².
+    pub peak_acceleration_mm_s2: f64,
     /// Until when the acceleration is at its peak (t_c).
     clip_s: f64,
     /// Until when it accelerates (t_r).
     ramp_s: f64,
     /// Speed and place at the end of the ramp.
-    peak_velocity_mm_s: f64,
+    pub peak_velocity_mm_s: f64,
     ramp_mm: f64,
 }
 
@@ -113,26 +116,6 @@ impl Profile {
         };
         (profile.ramp_mm, profile.peak_velocity_mm_s) = profile.on_ramp(ramp_s);
         Some(profile)
-    }
-
-    /// Distance from rest to rest, in mm.
-    pub fn distance_mm(&self) -> f64 {
-        self.distance_mm
-    }
-
-    /// Time from rest to rest, in s.
-    pub fn travel_time_s(&self) -> f64 {
-        self.travel_time_s
-    }
-
-    /// Highest speed, half-way, in mm/s.
-    pub fn peak_velocity_mm_s(&self) -> f64 {
-        self.peak_velocity_mm_s
-    }
-
-    /// Highest acceleration, at both ends, in mm/s².
-    pub fn peak_acceleration_mm_s2(&self) -> f64 {
-        self.peak_acceleration_mm_s2
     }
 
     /// ∫a²dt over the whole time, in mm²/s³: what an inertial load costs in copper heat.
@@ -323,8 +306,8 @@ mod tests {
                     < 1e-12
             );
         }
-        close(profile.peak_velocity_mm_s(), 1.5 * b / r, 1e-15);
-        close(profile.peak_acceleration_mm_s2(), 6.0 * b / (r * r), 1e-15);
+        close(profile.peak_velocity_mm_s, 1.5 * b / r, 1e-15);
+        close(profile.peak_acceleration_mm_s2, 6.0 * b / (r * r), 1e-15);
         close(
             profile.acceleration_square_integral(),
             12.0 * b * b / (r * r * r),
@@ -378,7 +361,7 @@ mod tests {
                 1e-14,
             );
         }
-        close(profile.peak_velocity_mm_s(), v_max, 1e-14);
+        close(profile.peak_velocity_mm_s, v_max, 1e-14);
         close(
             profile.acceleration_square_integral(),
             16.0 / 9.0 * v_max * v_max / (r - b / v_max),
@@ -393,7 +376,7 @@ mod tests {
         for a_max in [0.67, 0.75, 0.85, 0.98] {
             let profile = Profile::new(b, r, f64::INFINITY, a_max).unwrap();
             let us = (3.0 * (r * r / 4.0 - b / a_max)).sqrt();
-            close(profile.peak_acceleration_mm_s2(), a_max, 1e-15);
+            close(profile.peak_acceleration_mm_s2, a_max, 1e-15);
             close(
                 profile.acceleration_square_integral(),
                 a_max * a_max * (r - 4.0 / 3.0 * us),
@@ -446,8 +429,8 @@ mod tests {
         ) {
             let r = minimum_travel_time_s(b, v_max, a_max) * longer;
             let profile = Profile::new(b, r, v_max, a_max).unwrap();
-            prop_assert!(profile.peak_velocity_mm_s() <= v_max * (1.0 + 1e-9));
-            prop_assert!(profile.peak_acceleration_mm_s2() <= a_max * (1.0 + 1e-9));
+            prop_assert!(profile.peak_velocity_mm_s <= v_max * (1.0 + 1e-9));
+            prop_assert!(profile.peak_acceleration_mm_s2 <= a_max * (1.0 + 1e-9));
             let steps = 2000;
             let h = r / f64::from(steps);
             let (mut x, mut v, mut square) = (0.0, 0.0, 0.0);
@@ -469,7 +452,7 @@ mod tests {
             prop_assert!((x - b).abs() <= 1e-12 * b && v <= 1e-9 * v_max);
             // Half a step at each of the jumps of the acceleration.
             let integral = profile.acceleration_square_integral();
-            prop_assert!((square - integral).abs() <= 3.0 * profile.peak_acceleration_mm_s2().powi(2) * h);
+            prop_assert!((square - integral).abs() <= 3.0 * profile.peak_acceleration_mm_s2.powi(2) * h);
         }
 
         /// Motions within the limits over the same distance and time are a convex set, so the cheapest of them is the one

@@ -101,7 +101,7 @@ pub(crate) fn assign(
         }
         let speed_mm_s = segment.cap_mm_s(override_max);
         let time_s = match &profile {
-            Some(profile) => profile.travel_time_s(),
+            Some(profile) => profile.travel_time_s,
             None if speed_mm_s > 0.0 => (segment.to_mm - segment.from_mm) / speed_mm_s,
             None => 0.0,
         };
@@ -183,8 +183,8 @@ fn of_axes(
         }
         *rest = *rest_s;
         let of_axis = Profile::new(
-            share * profile.distance_mm(),
-            profile.travel_time_s(),
+            share * profile.distance_mm,
+            profile.travel_time_s,
             share * segment.speed_mm_s,
             share * segment.least_acceleration_mm_s2(),
         );

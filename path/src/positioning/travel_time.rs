@@ -179,14 +179,14 @@ impl MotorLoad {
         let mm = 1e-3;
         let (inertia, viscous) = (self.mass_kg * mm, self.viscous_n_s_per_m * mm);
         inertia * inertia * profile.acceleration_square_integral()
-            + self.coulomb_n * self.coulomb_n * profile.travel_time_s()
-            + 2.0 * self.coulomb_n * viscous * profile.distance_mm()
+            + self.coulomb_n * self.coulomb_n * profile.travel_time_s
+            + 2.0 * self.coulomb_n * viscous * profile.distance_mm
             + viscous * viscous * profile.velocity_square_integral()
     }
 
     /// Root mean square of the force over a move and the rest after it, as a share of the rated force.
     pub fn rms_share(&self, profile: &Profile, rest_s: f64) -> f64 {
-        let mean = self.force_square_integral(profile) / (profile.travel_time_s() + rest_s);
+        let mean = self.force_square_integral(profile) / (profile.travel_time_s + rest_s);
         mean.sqrt() / self.rated_force_n
     }
 
@@ -417,7 +417,7 @@ mod tests {
             let profile = Profile::new(b, r, v_max, a_max).unwrap();
             let share = load.rms_share(&profile, rest_s);
             prop_assert!(share <= 1.0 + 1e-9, "{share}");
-            prop_assert!(profile.peak_velocity_mm_s() <= v_max * (1.0 + 1e-9));
+            prop_assert!(profile.peak_velocity_mm_s <= v_max * (1.0 + 1e-9));
             let least_s = minimum_travel_time_s(b, v_max, a_max);
             prop_assert!(r >= least_s);
             // Not slower than it must be: at the rating, or at the limits.

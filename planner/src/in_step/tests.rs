@@ -31,14 +31,14 @@ fn threads_and_taps_are_passes_that_begin_and_end_at_rest() {
     let text = "G18 S600 M3\nG0 Z-1\nG33 Z-5 K1\nG0 X5\nG33.1 Z-9 K0.5\nG0 Z-2\nM2\n";
     let (windows, events) = planned(&lathe(), text).expect("a course");
     let found: Vec<_> = events
-        .passes()
+        .passes
         .iter()
         .map(|p| (p.element, p.mm_per_turn, p.tap))
         .collect();
     assert_eq!(found, [(1, 1.0, false), (3, 0.5, true), (4, 0.5, true)]);
     let rests = |index: u32| windows.path().get(index).expect("an element").rests_before;
     assert!((1..=5).all(rests) && windows.path().end() == 6);
-    let needs = needs(&lathe(), &windows, events.passes());
+    let needs = needs(&lathe(), &windows, &events.passes);
     assert_eq!(needs.len(), 2, "{needs:?}");
     assert!(needs[0].starts_with("line 3: thread of 1 mm a turn at 600 rev/min, in step from "));
     assert!(needs[1].starts_with("line 5: tap of 0.5 mm a turn at up to 600 rev/min, "));
@@ -76,9 +76,9 @@ fn what_cannot_be_in_step_is_refused_with_its_line_and_what_would_be_right() {
     );
     let text = "G17 F600 S600 M3\nG98 G84 Z-12 R-1\nM2\n";
     let (_, floating) = planned(&blind, text).expect("a holder that gives way");
-    assert!(floating.passes().is_empty());
+    assert!(floating.passes.is_empty());
     let (_, rigid) = planned(&lathe(), text).expect("a tap");
-    assert_eq!(rigid.passes().len(), 2);
+    assert_eq!(rigid.passes.len(), 2);
 }
 
 fn feedback(turns: f64, rpm: f64, scan: u64) -> Feedback {
@@ -119,7 +119,7 @@ fn thread(rpm: impl Fn(u64) -> f64, hold: bool) -> Vec<(u64, f64, f64)> {
             first_scan: scan + 8,
             machine: &machine,
         };
-        let Some(pass) = pass_from(events.passes(), windows.path(), &from, u32::MAX) else {
+        let Some(pass) = pass_from(&events.passes, windows.path(), &from, u32::MAX) else {
             return executed;
         };
         let outcome = in_step.plan(&windows, pass, &from, &asked, &mut setpoints);
@@ -170,7 +170,7 @@ fn a_thread_stays_in_step_while_the_speed_changes_slowly() {
 fn a_tap_asks_no_more_than_the_spindle_can_do() {
     let machine = lathe();
     let (windows, events) = planned(&machine, "S1500 M3\nG33.1 Z-20 K1\nM2\n").expect("a course");
-    let pass = events.passes()[0];
+    let pass = events.passes[0];
     let element = windows.path().get(pass.element).expect("the element");
     let settings = pass.settings(element, &windows, &machine);
     assert_eq!(settings.acceleration_mm_s2, 0.75 * 3000.0 / 60.0);

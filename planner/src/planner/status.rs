@@ -127,7 +127,7 @@ impl Planner {
             messages: self
                 .course
                 .as_ref()
-                .map_or(0, |course| course.events.messages.passed()),
+                .map_or(0, |course| course.events.messages.passed),
             answered: self.answers.last().map_or(0, |kept| kept.answer.number),
             event: self.event(feedback).unwrap_or_default(),
             outputs_ahead: self

@@ -63,11 +63,6 @@ impl FaultInjector {
         }
     }
 
-    /// The script.
-    pub fn script(&self) -> &FaultScript {
-        &self.script
-    }
-
     /// Scan in which a fault fired.
     pub fn fired(&self, index: usize) -> Option<u64> {
         self.fired.get(index).copied().flatten()
@@ -201,7 +196,7 @@ mod tests {
             assert_eq!(injector.fired(0), (scan >= 5).then_some(5));
         }
         assert_eq!(injector.fired(1), None);
-        assert_eq!(injector.script().faults.len(), 1);
+        assert_eq!(injector.script.faults.len(), 1);
     }
 
     #[test]

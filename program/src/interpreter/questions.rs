@@ -60,7 +60,7 @@ impl Interpreter {
         let made = output.elements_made() > elements_before;
         let made = output.piece.elements.last().filter(|_| made).cloned();
         // Where it is where it is to go, the contact there decides.
-        let rotary = self.state.equipment().rotary();
+        let rotary = &self.state.equipment().rotary;
         let at_rest = element.map(|shape| Element::new(line, shape, feed, rotary));
         output.take_back(&before);
         let (away, must) = (number >= 384, number.is_multiple_of(2));
@@ -154,7 +154,7 @@ impl Interpreter {
     fn probed(&mut self, way: &Element, at: AxisVector, rests: AxisVector, tripped: bool) {
         let from = way.point(0.0);
         let shape = Shape::Line { from, to: rests };
-        let rotary = self.state.equipment().rotary();
+        let rotary = &self.state.equipment().rotary;
         let element = Element::new(way.line, shape, way.feed, rotary);
         self.route.output.add(element);
         self.state.probed(at, rests, tripped);

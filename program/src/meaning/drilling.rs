@@ -64,7 +64,7 @@ impl State {
         let steps = block.steps();
         let mut acts = Acts::with_capacity(steps.len() + 1);
         let returns_higher = block.series.initial_mm > block.levels.r_mm;
-        if !self.in_force.return_was_said() && returns_higher {
+        if !self.in_force.return_was_said && returns_higher {
             acts.note(RETURN_HEIGHT);
         }
         let mut tapping = false;

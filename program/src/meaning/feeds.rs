@@ -48,7 +48,7 @@ impl State {
     /// The feed of a motion to `target` by an F word of G94.
     pub(super) fn feed_per_minute(&self, feed: FeedWord, target: &AxisVector) -> Feed {
         let FeedWord { value, unit_mm } = feed;
-        let rotary = self.equipment.rotary();
+        let rotary = &self.equipment.rotary;
         let travel = target - self.position;
         let mut components = travel.iter().zip(rotary);
         let slides_move = components.any(|(component, rotary)| !rotary && *component != 0.0);
@@ -74,7 +74,7 @@ impl State {
             let right = "in G93 each feed motion has an F word of its own";
             return cause.refuse("a feed motion without a feed", right);
         };
-        let rotary = self.equipment.rotary();
+        let rotary = &self.equipment.rotary;
         let lengths = shapes.iter().map(|of| of.length_with_rotary_mm(rotary));
         let length: f64 = lengths.sum();
         Ok(Feed::PathMmS(length * f.value / 60.0))

@@ -92,7 +92,7 @@ impl State {
             work_offset: system,
             feed: modes.feed.map(|feed| feed.value),
             speed: modes.spindle.speed,
-            tool: self.tools.in_spindle(),
+            tool: self.tools.in_spindle,
             offsets: self.offsets,
         }
     }

@@ -47,7 +47,7 @@ impl State {
 
     /// What a number of the program counts along an axis: mm in its unit, degrees as they are.
     pub fn unit_of(&self, index: usize) -> f64 {
-        match self.equipment.rotary().get(index) {
+        match self.equipment.rotary.get(index) {
             Some(false) => self.in_force.unit_mm(),
             _ => 1.0,
         }
@@ -154,13 +154,13 @@ impl State {
     /// Where plain values of axes lead, each by the index of its letter, while nothing is turned.
     #[inline]
     pub(super) fn target_by(&self, value_of: impl Fn(usize) -> Option<f64>) -> AxisVector {
-        let axes = self.equipment.straight_axes();
+        let axes = &self.equipment.straight_axes;
         let unit_mm = self.in_force.unit_mm();
         let incremental = self.in_force.incremental;
         let mut target = self.position;
         let places = target
             .iter_mut()
-            .zip(self.equipment.rotary())
+            .zip(&self.equipment.rotary)
             .zip(self.offsets.zero().iter());
         for (&(letter, ..), ((component, rotary), zero)) in axes.each.iter().zip(places) {
             let Some(value) = value_of(letter) else {

@@ -77,7 +77,7 @@ impl State {
         }
         let named = d.map_or(0.0, |d| d.value) as u32;
         let number = if named == 0 {
-            self.tools.in_spindle()
+            self.tools.in_spindle
         } else {
             named
         };

@@ -18,7 +18,7 @@ impl State {
     /// What a block of straight motion means; none if it needs more than that or is to be refused.
     #[inline]
     pub fn straight(&self, block: &Straight) -> Option<StraightLeg> {
-        let axes = self.equipment.straight_axes();
+        let axes = &self.equipment.straight_axes;
         let plain = self.stands.is_none()
             && !self.offsets.is_turned()
             && self.in_force.feed_mode == FeedMode::PerMinute;
@@ -68,7 +68,7 @@ impl State {
     }
 
     fn straight_feed(&self, word: FeedWord, target: &AxisVector) -> Feed {
-        if self.equipment.straight_axes().has_rotary {
+        if self.equipment.straight_axes.has_rotary {
             return self.feed_per_minute(word, target);
         }
         Feed::PathMmS(word.value * word.unit_mm / 60.0)

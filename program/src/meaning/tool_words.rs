@@ -33,7 +33,7 @@ impl State {
 
     /// Whether an offset of a tool is applied, also one of 0.
     pub fn applies_offset(&self) -> bool {
-        self.tools.offset_of() != 0 || *self.offsets.tool() != AxisVector::zeros()
+        self.tools.offset_of != 0 || *self.offsets.tool() != AxisVector::zeros()
     }
 
     /// Applies another offset of the tool, that of tool `of`, or none's.
@@ -56,7 +56,7 @@ impl State {
 
     /// The parameters that tell of the tool in the spindle.
     fn show_tool_parameters(&mut self) {
-        let number = self.tools.in_spindle();
+        let number = self.tools.in_spindle;
         let tool = self.tools.find(number).cloned().unwrap_or_default();
         let angles = [
             tool.diameter,
@@ -89,7 +89,7 @@ impl State {
             430 => self.tool_of_h(words, word.offset, acts)?,
             _ => {
                 let (more, _) = self.tool_of_h(words, word.offset, acts)?;
-                (before + more, self.tools.offset_of())
+                (before + more, self.tools.offset_of)
             }
         };
         self.apply_offset(offset, of, acts);
@@ -105,7 +105,7 @@ impl State {
     ) -> Result<(AxisVector, u32), Refusal> {
         let (number, place) = match words.value('H') {
             Some(h) if h.value > 0.0 => (h.value as u32, h.offset),
-            _ => (self.tools.in_spindle(), offset),
+            _ => (self.tools.in_spindle, offset),
         };
         if let Some(tool) = self.tools.find(number) {
             return Ok((self.equipment.by_axis(&tool.offset), number));
@@ -154,7 +154,7 @@ impl State {
             changed.orientation = q.value.clamp(0.0, 9.0) as u32;
         }
         self.tools.put(&changed);
-        if changed.number == self.tools.in_spindle() {
+        if changed.number == self.tools.in_spindle {
             self.show_tool_parameters();
         }
         Ok(())

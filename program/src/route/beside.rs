@@ -20,7 +20,7 @@ const BESIDE_ARC_TOLERANCE: ArcTolerance = ArcTolerance {
 impl Route {
     /// Ten times the code of the compensation in force.
     pub fn compensation_code(&self) -> u32 {
-        match self.beside.as_ref().map(|beside| beside.side()) {
+        match self.beside.as_ref().map(|beside| beside.side) {
             None => 400,
             Some(Side::Left) => 410,
             Some(Side::Right) => 420,
@@ -115,7 +115,7 @@ impl Route {
         let mut steps = Vec::new();
         let pushed = beside.push(Move { to, way, payload }, &mut steps);
         pushed.map_err(|gouge| gouge.at(cause.offset))?;
-        let plane = beside.plane();
+        let plane = beside.plane;
         state.go_ahead(to);
         self.send(state, cause, plane, steps)
     }
@@ -125,7 +125,7 @@ impl Route {
         let Some(beside) = self.beside.take() else {
             return Ok(());
         };
-        let plane = beside.plane();
+        let plane = beside.plane;
         let mut steps = Vec::new();
         let finished = beside.finish(&mut steps);
         finished.map_err(|gouge| gouge.at(cause.offset))?;
