@@ -131,30 +131,20 @@ pub struct Inputs {
     pub counts: Counts,
 }
 
-/// What the fieldbus process does.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[repr(u32)]
-pub enum BusState {
-    /// Nobody owns the bus.
-    Free = 0,
-    /// Cycles are exchanged.
-    Cycling = 1,
-    /// The last start-up failed: another one must be asked for.
-    Down = 2,
-    /// Its owner starts it up.
-    Starting = 3,
-}
-
-impl BusState {
-    /// In words.
-    pub fn words(self) -> &'static str {
-        match self {
-            BusState::Free => "without an owner",
-            BusState::Starting => "starting",
-            BusState::Cycling => "in operation",
-            BusState::Down => "down",
-        }
+wire_enum! {
+    /// What the fieldbus process does.
+    pub enum BusState {
+        /// Nobody owns the bus.
+        Free = 0 => "without an owner",
+        /// Cycles are exchanged.
+        Cycling = 1 => "in operation",
+        /// The last start-up failed: another one must be asked for.
+        Down = 2 => "down",
+        /// Its owner starts it up.
+        Starting = 3 => "starting",
     }
+    /// In words.
+    pub fn words
 }
 
 /// Plain data that lie in the page as words.
@@ -228,7 +218,7 @@ pub struct OwnedBus<'a> {
 impl Drop for OwnedBus<'_> {
     fn drop(&mut self) {
         self.page.disown();
-        self.page.layout().ownership.release();
+        self.page.layout.ownership.release();
     }
 }
 
@@ -246,13 +236,13 @@ impl DrivePage {
     pub fn create(place: &CellPaths) -> Result<DrivePage, CellError> {
         let layout = MappedPage::map(place, &place.drive_page(), true)?;
         let page = DrivePage { layout };
-        let made = page.layout().ownership.make();
+        let made = page.layout.ownership.make();
         made.map_err(|source| CellError::System {
             cell: place.name().into(),
             what: "making the lock of its bus".into(),
             source,
         })?;
-        page.layout().magic.store(MAGIC, Ordering::Release);
+        page.layout.magic.store(MAGIC, Ordering::Release);
         Ok(page)
     }
 
@@ -263,7 +253,7 @@ impl DrivePage {
     pub fn open(place: &CellPaths) -> Result<DrivePage, CellError> {
         let layout = MappedPage::map(place, &place.drive_page(), false)?;
         let page = DrivePage { layout };
-        if page.layout().magic.load(Ordering::Acquire) != MAGIC {
+        if page.layout.magic.load(Ordering::Acquire) != MAGIC {
             return Err(CellError::Transport {
                 cell: place.name().into(),
                 what: "its drive page is not of this version of quadrant".into(),
@@ -272,23 +262,19 @@ impl DrivePage {
         Ok(page)
     }
 
-    fn layout(&self) -> &Layout {
-        &self.layout
-    }
-
     /// Rung when a cycle is asked for; the fieldbus process waits here.
     pub fn asked_signal(&self) -> &Signal {
-        &self.layout().asked
+        &self.layout.asked
     }
 
     /// Rung when a cycle is answered, or never will be; the master waits here.
     pub fn answered_signal(&self) -> &Signal {
-        &self.layout().answered
+        &self.layout.answered
     }
 
     /// Process id of who owns the bus, which takes it with its first thread; none while nobody that lives does.
     pub fn owner(&self) -> Option<u32> {
-        Some(self.layout().ownership.holder()).filter(|holder| *holder != 0)
+        Some(self.layout.ownership.holder()).filter(|holder| *holder != 0)
     }
 
     /// Takes the bus for the calling thread as soon as nobody has it; none if another one still has it after this time. An owner is
@@ -297,7 +283,7 @@ impl DrivePage {
     /// # Errors
     /// The lock is damaged.
     pub fn own(&self, limit: Duration) -> std::io::Result<Option<OwnedBus<'_>>> {
-        let owned = self.layout().ownership.take(limit)?;
+        let owned = self.layout.ownership.take(limit)?;
         Ok(owned.then(|| OwnedBus {
             page: self,
             _of_thread: PhantomData,
@@ -312,112 +298,98 @@ impl DrivePage {
 
     /// What the fieldbus process does; of one that was killed, what it did, until another one says something else.
     pub fn state(&self) -> BusState {
-        match self.layout().state.load(Ordering::Acquire) {
-            1 => BusState::Cycling,
-            2 => BusState::Down,
-            3 => BusState::Starting,
-            _ => BusState::Free,
-        }
+        let state = self.layout.state.load(Ordering::Acquire);
+        BusState::from_wire(state).unwrap_or(BusState::Free)
     }
 
     /// Says what the fieldbus process does.
     pub fn set_state(&self, state: BusState) {
-        self.layout().state.store(state as u32, Ordering::Release);
-        self.layout().answered.raise();
+        self.layout.state.store(state as u32, Ordering::Release);
+        self.layout.answered.raise();
     }
 
     /// Asks for another start-up, because drives have been lost; for the master.
     pub fn ask_to_start_again(&self) {
-        let layout = self.layout();
-        layout.start_again.store(1, Ordering::Release);
-        layout.asked.raise();
+        self.layout.start_again.store(1, Ordering::Release);
+        self.layout.asked.raise();
     }
 
     /// Whether another start-up has been asked for since this was asked last; for the fieldbus process.
     pub fn take_start_again(&self) -> bool {
-        self.layout().start_again.swap(0, Ordering::AcqRel) == 1
+        self.layout.start_again.swap(0, Ordering::AcqRel) == 1
     }
 
     /// How the segment is wired; for whoever sees that cycles are exchanged.
     pub fn wiring(&self) -> Wiring {
         let mut wiring = Wiring::zeroed();
-        self.layout().wiring.load(&mut wiring);
+        self.layout.wiring.load(&mut wiring);
         wiring
     }
 
     /// Says how the segment is wired; before cycles are exchanged.
     pub fn set_wiring(&self, wiring: &Wiring) {
-        self.layout().wiring.store(wiring);
+        self.layout.wiring.store(wiring);
     }
 
     /// Asks for a cycle with these outputs; for the master.
     pub fn request(&self, cycle: u64, outputs: &Outputs) {
-        let layout = self.layout();
-        slot(&layout.outputs, cycle).store(outputs);
-        layout
-            .requested_cycle
-            .store(cycle.saturating_add(1), Ordering::Release);
-        layout.asked.raise();
+        slot(&self.layout.outputs, cycle).store(outputs);
+        let next = cycle.saturating_add(1);
+        self.layout.requested_cycle.store(next, Ordering::Release);
+        self.layout.asked.raise();
     }
 
     /// The cycle that was asked for last.
     pub fn requested(&self) -> Option<u64> {
-        self.layout()
-            .requested_cycle
-            .load(Ordering::Acquire)
-            .checked_sub(1)
+        let next = self.layout.requested_cycle.load(Ordering::Acquire);
+        next.checked_sub(1)
     }
 
     /// The outputs of a cycle that was asked for.
     pub fn outputs(&self, cycle: u64, outputs: &mut Outputs) {
-        slot(&self.layout().outputs, cycle).load(outputs);
+        slot(&self.layout.outputs, cycle).load(outputs);
     }
 
     /// Notes that a frame of this number is about to be sent.
     pub fn note_sent(&self, frame: u64) {
-        self.layout().sent_frame.store(frame, Ordering::Release);
+        self.layout.sent_frame.store(frame, Ordering::Release);
     }
 
     /// The number of the frame that was noted last.
     pub fn sent(&self) -> u64 {
-        self.layout().sent_frame.load(Ordering::Acquire)
+        self.layout.sent_frame.load(Ordering::Acquire)
     }
 
     /// The master has left in order: the bus is to be put to rest. For the master.
     pub fn set_left(&self) {
-        let layout = self.layout();
-        layout.left.store(1, Ordering::Release);
-        layout.asked.raise();
+        self.layout.left.store(1, Ordering::Release);
+        self.layout.asked.raise();
     }
 
     /// Whether the master has left in order.
     pub fn has_left(&self) -> bool {
-        self.layout().left.load(Ordering::Acquire) == 1
+        self.layout.left.load(Ordering::Acquire) == 1
     }
 
     /// Answers a cycle.
     pub fn answer(&self, cycle: u64, inputs: &Inputs) {
-        let layout = self.layout();
         // Whoever sees a word of them sees too that the cycle before was answered.
         fence(Ordering::Release);
-        slot(&layout.inputs, cycle).store(inputs);
-        layout
-            .answered_cycle
-            .store(cycle.saturating_add(1), Ordering::Release);
-        layout.answered.raise();
+        slot(&self.layout.inputs, cycle).store(inputs);
+        let next = cycle.saturating_add(1);
+        self.layout.answered_cycle.store(next, Ordering::Release);
+        self.layout.answered.raise();
     }
 
     /// The cycle that was answered last.
     pub fn answered(&self) -> Option<u64> {
-        self.layout()
-            .answered_cycle
-            .load(Ordering::Acquire)
-            .checked_sub(1)
+        let next = self.layout.answered_cycle.load(Ordering::Acquire);
+        next.checked_sub(1)
     }
 
     /// What came back in a cycle that was answered; it is overwritten two cycles later.
     pub fn inputs(&self, cycle: u64, inputs: &mut Inputs) {
-        slot(&self.layout().inputs, cycle).load(inputs);
+        slot(&self.layout.inputs, cycle).load(inputs);
     }
 
     /// What came back in the cycle that was answered last, whole; for observers, for whom nobody waits. None before the first one,

@@ -245,11 +245,6 @@ pub fn list(processors: &[usize]) -> String {
     words.join(",")
 }
 
-/// Keeps the calling thread on one processor; without effect where that is refused.
-pub fn stay_on(core: usize) {
-    stay_on_all(&[core]);
-}
-
 /// Keeps the calling thread on these processors; without effect where that is refused.
 pub fn stay_on_all(cores: &[usize]) {
     let mut set = CpuSet::new();

@@ -29,8 +29,6 @@ use crate::sample::{
 pub const RECORDER_DEPTH_SCANS: usize = 1024;
 /// Samples a reader on the scan path holds.
 pub const SCAN_DEPTH: usize = 8;
-/// Samples an observer holds: the newest.
-pub const VIEWER_DEPTH: usize = 1;
 /// Controllers an axis can have: roles a and b.
 pub const ROLES: [&str; 2] = ["a", "b"];
 

@@ -167,14 +167,10 @@ impl SignalPage {
     /// [`CellError::System`].
     pub fn create(place: &CellPaths) -> Result<SignalPage, CellError> {
         let page = Self::map(place, true)?;
-        let layout = page.layout();
-        layout
-            .launcher_pid
-            .store(std::process::id(), Ordering::Release);
-        layout
-            .phase
-            .store(CellPhase::Starting as u32, Ordering::Release);
-        layout.magic.store(MAGIC, Ordering::Release);
+        let (pid, phase) = (std::process::id(), CellPhase::Starting as u32);
+        page.layout.launcher_pid.store(pid, Ordering::Release);
+        page.layout.phase.store(phase, Ordering::Release);
+        page.layout.magic.store(MAGIC, Ordering::Release);
         Ok(page)
     }
 
@@ -184,7 +180,7 @@ impl SignalPage {
     /// [`CellError::System`] if there is none, or none of this version.
     pub fn open(place: &CellPaths) -> Result<SignalPage, CellError> {
         let page = Self::map(place, false)?;
-        if page.layout().magic.load(Ordering::Acquire) != MAGIC {
+        if page.layout.magic.load(Ordering::Acquire) != MAGIC {
             return Err(CellError::Transport {
                 cell: place.name().into(),
                 what: "its page is not of this version of quadrant".into(),
@@ -198,13 +194,9 @@ impl SignalPage {
         Ok(SignalPage { layout })
     }
 
-    fn layout(&self) -> &Layout {
-        &self.layout
-    }
-
     fn urgent(&self, order: Order) -> Option<&Urgent<ANSWER_WORDS, ANSWERS_KEPT>> {
         let index = URGENT.iter().position(|urgent| *urgent == order)?;
-        self.layout().urgent.get(index)
+        self.layout.urgent.get(index)
     }
 
     /// Gives an order that must always come through: stop, hold, down, emergency stop, drives off. Its number, for
@@ -223,7 +215,7 @@ impl SignalPage {
     /// Judges the urgent orders that are there; for the master. One that dies between judging and answering leaves the order to
     /// the next: each of them may be given twice.
     pub fn serve_urgent(&self, mut judge: impl FnMut(&OperatorRequest) -> OperatorResponse) {
-        for (order, words) in URGENT.iter().zip(&self.layout().urgent) {
+        for (order, words) in URGENT.iter().zip(&self.layout.urgent) {
             words.serve(|| {
                 bytemuck::cast(judge(&OperatorRequest {
                     order: *order as u32,
@@ -235,48 +227,48 @@ impl SignalPage {
 
     /// Process id of the launcher that made the page.
     pub fn launcher_pid(&self) -> u32 {
-        self.layout().launcher_pid.load(Ordering::Acquire)
+        self.layout.launcher_pid.load(Ordering::Acquire)
     }
 
     /// Rung by the master at the start of each scan; servos wait here.
     pub fn scan_signal(&self) -> &Signal {
-        &self.layout().scan
+        &self.layout.scan
     }
 
     /// Rung at each interpolation period boundary; the planner waits here.
     pub fn planner_signal(&self) -> &Signal {
-        &self.layout().planner
+        &self.layout.planner
     }
 
     /// Rung when the last outstanding answer is there; the master waits here.
     pub fn master_signal(&self) -> &Signal {
-        &self.layout().machine
+        &self.layout.machine
     }
 
     /// Rung now and then while there is something to record; the monitor waits here.
     pub fn recorder_signal(&self) -> &Signal {
-        &self.layout().monitor
+        &self.layout.monitor
     }
 
     /// Rung when something happened that the launcher waits for.
     pub fn launcher_signal(&self) -> &Signal {
-        &self.layout().launcher
+        &self.layout.launcher
     }
 
     /// What the cell is doing.
     pub fn phase(&self) -> CellPhase {
-        CellPhase::from_word(self.layout().phase.load(Ordering::Acquire))
+        CellPhase::from_word(self.layout.phase.load(Ordering::Acquire))
     }
 
     /// Sets it and wakes everybody; for the launcher.
     pub fn set_phase(&self, phase: CellPhase) {
-        self.layout().phase.store(phase as u32, Ordering::Release);
+        self.layout.phase.store(phase as u32, Ordering::Release);
         self.raise_all();
     }
 
     /// Wakes everybody of the cell.
     pub fn raise_all(&self) {
-        let layout = self.layout();
+        let layout = &self.layout;
         for signal in [
             &layout.scan,
             &layout.planner,
@@ -290,52 +282,50 @@ impl SignalPage {
 
     /// Says how many answers this scan waits for: the last to answer rings. For the master.
     pub fn expect_answers(&self, count: u32) {
-        self.layout().answers.expect(count);
+        self.layout.answers.expect(count);
     }
 
     /// From now on in this scan every answer rings: someone died or came back and the count no longer holds.
     pub fn expect_eagerly(&self) {
-        self.layout().answers.expect_eagerly();
+        self.layout.answers.expect_eagerly();
     }
 
     /// Says that this process has answered the scan.
     pub fn answered(&self) {
-        if self.layout().answers.answered() {
-            self.layout().machine.raise();
+        if self.layout.answers.answered() {
+            self.layout.machine.raise();
         }
     }
 
     /// Scans the recorder has taken from its queue: its credit with the master in lockstep.
     pub fn recorded_scans(&self) -> u64 {
-        self.layout().recorded.scans.load(Ordering::Acquire)
+        self.layout.recorded.scans.load(Ordering::Acquire)
     }
 
     /// Says how many scans have been recorded; for the recorder.
     pub fn set_recorded_scans(&self, scans: u64) {
-        self.layout().recorded.scans.store(scans, Ordering::Release);
+        self.layout.recorded.scans.store(scans, Ordering::Release);
     }
 
     /// Says that the process in this place of the roster is ready to take part.
     pub fn set_ready(&self, place: usize, incarnation: u32) {
-        if let Some(words) = self.layout().places.get(place) {
+        if let Some(words) = self.layout.places.get(place) {
             words
                 .ready_incarnation
                 .store(incarnation, Ordering::Release);
         }
-        self.layout().launcher.raise();
+        self.layout.launcher.raise();
     }
 
     /// The incarnation that last published it was ready in this place.
     pub fn ready_incarnation(&self, place: usize) -> u32 {
-        self.layout()
-            .places
-            .get(place)
-            .map_or(0, |words| words.ready_incarnation.load(Ordering::Acquire))
+        let words = self.layout.places.get(place);
+        words.map_or(0, |words| words.ready_incarnation.load(Ordering::Acquire))
     }
 
     /// Says that the process in this place is done with this scan, whether it has sent an answer that counts or not.
     pub fn set_answered(&self, place: usize, scan: u64) {
-        if let Some(words) = self.layout().places.get(place) {
+        if let Some(words) = self.layout.places.get(place) {
             words
                 .answered_scan
                 .store(scan.saturating_add(1), Ordering::Release);
@@ -345,19 +335,19 @@ impl SignalPage {
     /// The last scan that the process in this place, or one before it there, was done with. What it has sent until then is
     /// there for whoever reads this first. A process whose scan falls behind that of the others hangs.
     pub fn answered_scan(&self, place: usize) -> Option<u64> {
-        let words = self.layout().places.get(place)?;
+        let words = self.layout.places.get(place)?;
         words.answered_scan.load(Ordering::Acquire).checked_sub(1)
     }
 
     /// The scan in which the fault of this index in the script fired.
     pub fn fault_fired(&self, index: usize) -> Option<u64> {
-        let word = self.layout().fired.get(index)?;
+        let word = self.layout.fired.get(index)?;
         word.load(Ordering::Acquire).checked_sub(1)
     }
 
     /// Says that it fires in this scan; for the master, before the feedback of that scan.
     pub fn set_fault_fired(&self, index: usize, scan: u64) {
-        if let Some(word) = self.layout().fired.get(index) {
+        if let Some(word) = self.layout.fired.get(index) {
             word.store(scan.saturating_add(1), Ordering::Release);
         }
     }
@@ -365,15 +355,15 @@ impl SignalPage {
     /// Asks the launcher for a step of a fault; the ticket to wait for with [`SignalPage::is_done`], at the master's signal.
     /// For the master, one request after the other.
     pub fn ask_launcher(&self, index: usize, step: FaultStep, scan: u64) -> u64 {
-        let layout = self.layout();
-        let ticket = layout.requests.ask(index as u32, step as u32, scan);
-        layout.launcher.raise();
+        let requests = &self.layout.requests;
+        let ticket = requests.ask(index as u32, step as u32, scan);
+        self.layout.launcher.raise();
         ticket
     }
 
     /// What the master asks for and has no answer to; for the launcher.
     pub fn launcher_request(&self) -> Option<FaultRequest> {
-        let (ticket, index, step, scan) = self.layout().requests.open()?;
+        let (ticket, index, step, scan) = self.layout.requests.open()?;
         Some(FaultRequest {
             ticket,
             index: index as usize,
@@ -384,20 +374,19 @@ impl SignalPage {
 
     /// Says that what this ticket asked for is done; for the launcher.
     pub fn launcher_done(&self, ticket: u64) {
-        let layout = self.layout();
-        layout.requests.answer(ticket);
-        layout.machine.raise();
+        self.layout.requests.answer(ticket);
+        self.layout.machine.raise();
     }
 
     /// Whether the launcher has done what this ticket asked for.
     pub fn is_done(&self, ticket: u64) -> bool {
-        self.layout().requests.is_done(ticket)
+        self.layout.requests.is_done(ticket)
     }
 
     /// Saves the master's mechanical state into the older of two slots, so that a kill in the middle of it leaves
     /// the other one whole. Bytes beyond [`MACHINE_STATE_BYTES`] are not kept: the caller's state must fit.
     pub fn save_machine_state(&self, bytes: &[u8]) {
-        self.layout().saved.save(bytes.chunks(8).map(|chunk| {
+        self.layout.saved.save(bytes.chunks(8).map(|chunk| {
             let mut value = [0; 8];
             for (to, from) in value.iter_mut().zip(chunk) {
                 *to = *from;
@@ -408,7 +397,7 @@ impl SignalPage {
 
     /// The last whole state that was saved, if any: `bytes` is filled from its start.
     pub fn load_machine_state(&self, bytes: &mut [u8]) -> bool {
-        let Some(words) = self.layout().saved.load() else {
+        let Some(words) = self.layout.saved.load() else {
             return false;
         };
         for (chunk, word) in bytes.chunks_mut(8).zip(words) {

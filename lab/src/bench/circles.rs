@@ -359,7 +359,7 @@ fn is_worse(line: &Line) -> bool {
 fn stay_on_one(lane: usize) {
     let processors = bus::realtime::processors();
     if let Some(&processor) = processors.get(lane % processors.len().max(1)) {
-        bus::realtime::stay_on(processor);
+        bus::realtime::stay_on_all(&[processor]);
     }
 }
 

@@ -176,7 +176,7 @@ impl Game<'_> {
         let core = self.cores.first().copied().unwrap_or(0);
         if self.ball == Ball::Pipe {
             let mut pipes = Pipes::of(&mut others.all).environment()?;
-            realtime::stay_on(core);
+            realtime::stay_on_all(&[core]);
             return self.count(others, |others, scan| {
                 if scan.is_multiple_of(PIPE_SCANS) {
                     others.look()?;
@@ -186,7 +186,7 @@ impl Game<'_> {
         }
         let page = others.ready(place)?;
         let mut ports = Ports::open(place, self).environment()?;
-        realtime::stay_on(core);
+        realtime::stay_on_all(&[core]);
         let patience = patience(self.awake);
         self.count(others, |others, scan| {
             let seen = page.master_signal().count();

@@ -30,7 +30,7 @@ pub fn pong(options: &BenchPongOptions) -> Outcome {
     let signals = Signals::catch().environment()?;
     let is_over = || signals.count() > 0;
     if options.ball == Ball::Pipe {
-        realtime::stay_on(options.core);
+        realtime::stay_on_all(&[options.core]);
         return pipes::answer(is_over).environment();
     }
     play(options, &is_over).environment()
@@ -122,7 +122,7 @@ fn answer_all(
     options: &BenchPongOptions,
     is_over: &dyn Fn() -> bool,
 ) -> anyhow::Result<()> {
-    realtime::stay_on(options.core);
+    realtime::stay_on_all(&[options.core]);
     let mut seen = page.scan_signal().count();
     page.set_ready(options.axis, 1);
     let patience = patience(options.awake);

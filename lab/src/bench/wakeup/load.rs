@@ -18,7 +18,7 @@ impl Load {
         let threads = realtime::processors().into_iter().map(|core| {
             let ended = Arc::clone(&ended);
             std::thread::spawn(move || {
-                realtime::stay_on(core);
+                realtime::stay_on_all(&[core]);
                 while !ended.load(Ordering::Relaxed) {
                     std::hint::black_box(core);
                 }
