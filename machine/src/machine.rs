@@ -84,12 +84,6 @@ impl ProgramSettings {
         let of_rotary = self.work_offset_deg.get(letter);
         of_rotary.or(self.work_offset_mm.get(letter)).copied()
     }
-
-    /// Programs begin in machine coordinates.
-    pub fn clear_work_offsets(&mut self) {
-        self.work_offset_mm.clear();
-        self.work_offset_deg.clear();
-    }
 }
 
 /// Longest dead time of the drives, in scans.

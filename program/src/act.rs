@@ -19,20 +19,9 @@ pub enum Act {
 
 /// What a block makes, in order.
 #[derive(Debug, Clone, Default)]
-pub struct Acts(Vec<Act>);
+pub struct Acts(pub Vec<Act>);
 
 impl Acts {
-    /// Whether there is nothing to do.
-    #[inline]
-    pub fn is_empty(&self) -> bool {
-        self.0.is_empty()
-    }
-
-    /// An empty list with room for so many.
-    pub fn with_capacity(capacity: usize) -> Self {
-        Self(Vec::with_capacity(capacity))
-    }
-
     /// Adds a remark.
     pub fn note(&mut self, text: &'static str) {
         self.0.push(Act::Note(text));
@@ -51,14 +40,5 @@ impl Acts {
     /// Adds a straight move.
     pub fn go(&mut self, to: AxisVector, feed: Feed) {
         self.0.push(Act::Move(to, feed));
-    }
-}
-
-impl IntoIterator for Acts {
-    type Item = Act;
-    type IntoIter = std::vec::IntoIter<Act>;
-
-    fn into_iter(self) -> Self::IntoIter {
-        self.0.into_iter()
     }
 }

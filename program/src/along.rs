@@ -128,7 +128,7 @@ mod tests {
         std::fs::write(&file, blocks.collect::<String>() + "M2\n").unwrap();
         let machines = FilePath::new(env!("CARGO_MANIFEST_DIR")).join("../machines/xy");
         let mut machine = Machine::load(&machines).unwrap();
-        machine.program.clear_work_offsets();
+        machine.program.work_offset_mm.clear();
         let whole = load_if_short(&machine, &[0; 8], &file, 9000, &[])
             .unwrap()
             .unwrap();

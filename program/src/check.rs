@@ -6,7 +6,6 @@ use std::sync::Arc;
 use path::geometry::AxisVector;
 
 use crate::error::ProgramError;
-use crate::execution::Execution;
 use crate::program::{Note, Piece, ProgramEnd, Setup};
 use crate::reading::{PIECE_ELEMENTS, Reading};
 use crate::route::Counts;
@@ -61,7 +60,9 @@ pub fn check_file(
         let enough = execution.interpreter.route.output.elements_made() + PIECE_ELEMENTS;
         for _ in 0..PIECE_LINES {
             lines += 1;
-            ended = checks_line(&mut execution);
+            execution.interpreter.route.output.begin_block();
+            ended = execution.checks_line();
+            execution.check_made();
             if ended || execution.interpreter.route.output.elements_made() >= enough {
                 break;
             }
@@ -101,14 +102,6 @@ pub fn check_file(
         notes: output.notes.by_line(),
         end,
     })
-}
-
-/// Does a line; true if it is the last.
-fn checks_line(execution: &mut Execution) -> bool {
-    execution.interpreter.route.output.begin_block();
-    let ends = execution.checks_line();
-    execution.check_made();
-    ends
 }
 
 fn widen(bounds: &mut Option<(AxisVector, AxisVector)>, (low, high): (AxisVector, AxisVector)) {

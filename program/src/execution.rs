@@ -189,14 +189,14 @@ impl Execution {
         self.source = fresh.source.clone();
         self.interpreter.complete(&fresh.interpreter);
         self.looks_bit_by_bit = fresh.looks_bit_by_bit;
-        if self.interpreter.frames.depth() == 0 {
+        if self.interpreter.frames.called.is_empty() {
             return Ok(());
         }
         self.needs_labels = self.looks_bit_by_bit;
         if self.needs_labels {
             return Ok(());
         }
-        self.source.find_files()
+        self.source.index().map(|_| ())
     }
 
     /// Does the next line, and goes on behind mistakes; true at the end of the program, or where there are enough problems.
@@ -342,7 +342,9 @@ impl Execution {
         if line.percent {
             return !self.opens() && self.close(index);
         }
-        if line.is_empty() || (line.block_delete && self.interpreter.setup().block_delete) {
+        if line.is_empty()
+            || (line.block_delete && self.interpreter.state().equipment().block_delete)
+        {
             return false;
         }
         if line.is_block() && !self.mark(index) {
@@ -495,7 +497,7 @@ impl Execution {
     fn end_of_file(&mut self) {
         let within = self.within;
         if self.interpreter.state_known
-            && let Some(frame) = self.interpreter.frames.called()
+            && let Some(frame) = self.interpreter.frames.called.last()
         {
             let found = format!("the file ends inside {}", frame.shown());
             let right = "a subroutine ends with endsub, return or M99";
@@ -584,7 +586,7 @@ impl Execution {
 
     /// Where the subroutines in force were called, innermost first.
     fn trace(&self) -> Vec<String> {
-        let frames = self.interpreter.frames.called_frames();
+        let frames = self.interpreter.frames.called.iter().rev();
         frames
             .map(|frame| {
                 let (file, line) = self.source.place(frame.called_from.line as u32 + 1);

@@ -69,7 +69,8 @@ impl Frame {
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub struct Frames {
     program: Frame,
-    called: Vec<Frame>,
+    /// The subroutines in force.
+    pub called: Vec<Frame>,
 }
 
 impl Frames {
@@ -81,28 +82,5 @@ impl Frames {
     /// The one in force, to look at.
     pub fn current(&self) -> &Frame {
         self.called.last().unwrap_or(&self.program)
-    }
-
-    /// The subroutine in force, if one is.
-    pub fn called(&self) -> Option<&Frame> {
-        self.called.last()
-    }
-
-    /// Subroutines in force, innermost first.
-    pub fn called_frames(&self) -> impl Iterator<Item = &Frame> {
-        self.called.iter().rev()
-    }
-
-    /// How many subroutines are in force.
-    pub fn depth(&self) -> usize {
-        self.called.len()
-    }
-
-    pub fn push(&mut self, frame: Frame) {
-        self.called.push(frame);
-    }
-
-    pub fn pop(&mut self) -> Option<Frame> {
-        self.called.pop()
     }
 }

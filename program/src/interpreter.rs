@@ -67,11 +67,6 @@ impl Interpreter {
         &self.state
     }
 
-    /// The machine as programs see it.
-    pub fn setup(&self) -> &Setup {
-        self.state.equipment()
-    }
-
     /// Notes what a program left open at its end.
     pub fn note_open(&mut self) {
         if let Some(line) = self.splines.open_since() {
@@ -94,7 +89,7 @@ impl Interpreter {
 
     /// The parameters that outlive the run: those that always do, and those that were kept before. M2 and M30 leave G54 in force.
     pub fn kept_parameters(&self) -> KeptParameters {
-        let named = &self.setup().parameters;
+        let named = &self.state.equipment().parameters;
         let kept = |number: &u32| is_always_kept(*number) || named.contains_key(number);
         let value = |number: u32| match number {
             base::WORK_OFFSET if self.ends_by_word() => 1.0,
@@ -203,7 +198,7 @@ impl Interpreter {
                 self.change(line, |state, acts| state.restore(&saved, acts));
             }
             _ => {
-                if self.frames.called().is_none() {
+                if self.frames.called.is_empty() {
                     let right = "it restores the modes at the end of a subroutine: use M70 and M72";
                     return refuse(word.offset, "M73 outside a subroutine", right);
                 }
@@ -301,7 +296,7 @@ impl Interpreter {
 
     /// Leaves the subroutine in force; none if there is none.
     pub fn leave(&mut self, returned: Option<f64>) -> Option<Frame> {
-        let mut frame = self.frames.pop()?;
+        let mut frame = self.frames.called.pop()?;
         self.returned = (returned.unwrap_or(0.0), returned.is_some());
         if frame.arguments {
             for (number, value) in (1u32..).zip(frame.kept) {

@@ -195,7 +195,7 @@ impl State {
     /// A probe has tripped at a place, or not, and rests at another.
     pub fn probed(&mut self, at: AxisVector, rests: AxisVector, tripped: bool) {
         self.position = rests;
-        let mut place = self.in_program(&at);
+        let mut place = self.offsets.in_program(&at);
         for (index, component) in place.iter_mut().enumerate() {
             *component /= self.unit_of(index);
         }

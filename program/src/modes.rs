@@ -154,7 +154,7 @@ mod tests {
         std::fs::write(&file, text).unwrap();
         let machine = FilePath::new(env!("CARGO_MANIFEST_DIR")).join("../machines/xy");
         let mut machine = Machine::load(&machine).unwrap();
-        machine.program.clear_work_offsets();
+        machine.program.work_offset_mm.clear();
         let modes = Modes::of(&machine, &[0; 8], &file).unwrap();
         let codes = |element| modes.at(element).unwrap().codes.join(" ");
         assert!(

@@ -219,7 +219,7 @@ impl Reading {
 
     /// The tools, as the blocks that were read so far leave them.
     pub fn tools(&self) -> &[Tool] {
-        self.execution.interpreter.state().tools().table()
+        &self.execution.interpreter.state().tools().table
     }
 
     /// The line that was read last, counted from 1.

@@ -42,11 +42,11 @@ impl Route {
     /// Does what a block makes, in its order; the bounds of its moves.
     pub fn perform(&mut self, state: &mut State, line: u32, acts: Acts) -> Vec<Bounds> {
         let mut ways = Vec::new();
-        if acts.is_empty() {
+        if acts.0.is_empty() {
             return ways;
         }
         let per_turn = state.feed_per_turn();
-        let mut acts = acts.into_iter();
+        let mut acts = acts.0.into_iter();
         while let Some(act) = acts.next() {
             match act {
                 Act::Note(text) => self.note(line, text),

@@ -53,7 +53,7 @@ pub struct Source {
 
 /// Where the labels and the files of a text are, as far as it was looked through.
 #[derive(Debug, Clone, Default)]
-struct Index {
+pub struct Index {
     /// Lines with O-words of each label, in order.
     labels: HashMap<String, Vec<Label>>,
     /// How many lines these are.
@@ -146,7 +146,8 @@ impl Source {
         at.line > 0 && line.starts_with(FILE_MARK)
     }
 
-    fn index(&mut self) -> Result<&Index, Refusal> {
+    /// Its index, once it is there: all of the text has been looked at, and where its files are.
+    pub fn index(&mut self) -> Result<&Index, Refusal> {
         self.look_on(u64::MAX)?;
         let none = || Refusal::new(0, "no index of the labels", "");
         self.index.as_deref().ok_or_else(none)
@@ -174,11 +175,6 @@ impl Source {
             .index
             .get_or_insert_with(|| Arc::new(Index::new(text.clone())));
         Arc::make_mut(index).look_on(bytes_max, labels_max)
-    }
-
-    /// Looks where the files of the text are.
-    pub fn find_files(&mut self) -> Result<(), Refusal> {
-        self.index().map(|_| ())
     }
 
     /// Whether a line belongs to the program's own file. Others are only reached by labels.

@@ -27,7 +27,8 @@ pub struct Tools {
     pub in_spindle: u32,
     /// The one whose offset is applied; 0 where it is none's.
     pub offset_of: u32,
-    table: Arc<Vec<Tool>>,
+    /// The table, as the program has changed it.
+    pub table: Arc<Vec<Tool>>,
 }
 
 impl Tools {
@@ -46,11 +47,6 @@ impl Tools {
         if self.table == fresh.table {
             self.table = Arc::clone(&fresh.table);
         }
-    }
-
-    /// The table, as the program has changed it.
-    pub fn table(&self) -> &[Tool] {
-        &self.table
     }
 
     /// The tool of a number.

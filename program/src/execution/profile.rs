@@ -87,6 +87,6 @@ impl Execution {
             let found = format!("{} in a profile", flow.shown());
             return refuse(flow.offset, found, right);
         }
-        words.sort(line, self.interpreter.setup())
+        words.sort(line, self.interpreter.state().equipment())
     }
 }

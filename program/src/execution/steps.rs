@@ -264,12 +264,12 @@ impl Execution {
     }
 
     fn enter(&mut self, label: &str, begin: Label, offset: usize) -> Result<(), Refusal> {
-        if self.interpreter.frames.depth() >= DEPTH_MAX {
+        if self.interpreter.frames.called.len() >= DEPTH_MAX {
             let found = format!("subroutines called {DEPTH_MAX} deep");
             let right = "a subroutine that calls itself must come to an end";
             return refuse(offset, found, right);
         }
-        self.interpreter.frames.push(Frame {
+        self.interpreter.frames.called.push(Frame {
             label: label.to_owned(),
             return_to: self.next,
             called_from: self.here,
@@ -288,7 +288,7 @@ impl Execution {
             && let Ok(Some(begin)) = self.source.subroutine(&frame.label)
         {
             self.go_behind(begin);
-            self.interpreter.frames.push(Frame {
+            self.interpreter.frames.called.push(Frame {
                 repeats: frame.repeats - 1,
                 loops: vec![],
                 ..frame

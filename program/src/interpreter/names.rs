@@ -49,7 +49,7 @@ impl Interpreter {
         Some(match name {
             "_line" => f64::from(self.line),
             "_ccomp" => f64::from(self.route.compensation_code()),
-            "_call_level" => self.frames.depth() as f64,
+            "_call_level" => self.frames.called.len() as f64,
             "_value" => self.returned.0,
             "_value_returned" => f64::from(u8::from(self.returned.1)),
             _ => return self.state.predefined(name),

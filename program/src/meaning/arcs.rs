@@ -27,7 +27,10 @@ impl State {
             false => ArcTolerance::METRIC,
         };
         let (from, to) = if self.arc_is_tilted() {
-            (self.in_program(&self.position), self.in_program(&to))
+            (
+                self.offsets.in_program(&self.position),
+                self.offsets.in_program(&to),
+            )
         } else {
             (self.position, to)
         };
@@ -75,11 +78,11 @@ impl State {
                 *to = if index == last {
                     target
                 } else {
-                    self.in_machine(to)
+                    self.offsets.in_machine(to)
                 };
-                *centre = self.in_machine(centre);
+                *centre = self.offsets.in_machine(centre);
                 for direction in [u, v, axial] {
-                    *direction = self.turned(*direction);
+                    *direction = self.offsets.turned(*direction);
                 }
                 here = *to;
             }
@@ -128,9 +131,9 @@ impl State {
         let arm = (Flat::new(u, v) * self.in_force.unit_mm()).put_into(AxisVector::zeros(), axes);
         let place = match (self.arc_is_tilted(), self.in_force.arc_absolute) {
             (true, true) => arm,
-            (true, false) => self.in_program(&self.position) + arm,
-            (false, true) => self.in_machine(&arm),
-            (false, false) => self.position + self.turned(arm),
+            (true, false) => self.offsets.in_program(&self.position) + arm,
+            (false, true) => self.offsets.in_machine(&arm),
+            (false, false) => self.position + self.offsets.turned(arm),
         };
         Ok(Flat::of(&place, axes))
     }

@@ -62,7 +62,7 @@ impl State {
     /// What a block of a cycle makes at a feed.
     pub fn drilled(&self, block: &CycleBlock, feed: Feed) -> Acts {
         let steps = block.steps();
-        let mut acts = Acts::with_capacity(steps.len() + 1);
+        let mut acts = Acts(Vec::with_capacity(steps.len() + 1));
         let returns_higher = block.series.initial_mm > block.levels.r_mm;
         if !self.in_force.return_was_said && returns_higher {
             acts.note(RETURN_HEIGHT);
@@ -142,7 +142,7 @@ impl State {
         };
         let [u, v] = series.aside_mm;
         let aside = Flat::new(u, v).put_into(AxisVector::zeros(), axes.plane);
-        let aside = self.turned(aside);
+        let aside = self.offsets.turned(aside);
         let block = CycleBlock {
             from: self.position,
             hole,

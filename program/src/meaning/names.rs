@@ -10,7 +10,7 @@ impl State {
         let letter = AXIS_LETTERS.chars().nth(letter);
         let index = letter.and_then(|letter| self.equipment.axis_index(letter));
         let Some(index) = index else { return 0.0 };
-        let place = self.in_program(&self.position);
+        let place = self.offsets.in_program(&self.position);
         place.get(index).copied().unwrap_or(0.0) / self.unit_of(index)
     }
 

@@ -101,7 +101,7 @@ impl State {
     /// G52 and G92: `offset` makes of a word, and of where the tool is without G92, what is added along its axis.
     fn shift(&mut self, words: &Words, offset: impl Fn(f64, f64) -> f64) {
         let mut g92 = *self.offsets.g92();
-        let here = self.in_program(&self.position) + g92;
+        let here = self.offsets.in_program(&self.position) + g92;
         for (index, (component, here)) in g92.iter_mut().zip(&here).enumerate() {
             if let Some(value) = self.axis_value(words, index) {
                 *component = offset(value, *here);

@@ -30,21 +30,6 @@ pub struct Leg {
 }
 
 impl State {
-    /// A displacement of the program, turned into that of the machine.
-    pub(super) fn turned(&self, displacement: AxisVector) -> AxisVector {
-        self.offsets.turned(displacement)
-    }
-
-    /// A place of the machine in the coordinates of the program, in mm.
-    pub fn in_program(&self, place: &AxisVector) -> AxisVector {
-        self.offsets.in_program(place)
-    }
-
-    /// A place of the program in the coordinates of the machine, in mm.
-    pub(super) fn in_machine(&self, place: &AxisVector) -> AxisVector {
-        self.offsets.in_machine(place)
-    }
-
     /// What a number of the program counts along an axis: mm in its unit, degrees as they are.
     pub fn unit_of(&self, index: usize) -> f64 {
         match self.equipment.rotary.get(index) {
@@ -214,12 +199,14 @@ impl State {
             radius_mm: self.length_mm(words, '@'),
             angle_deg: words.value('^').map(|word| word.value),
         };
-        let from = Flat::of(&self.in_program(&self.position), plane);
+        let from = Flat::of(&self.offsets.in_program(&self.position), plane);
         let place = polar
             .place(from, self.in_force.incremental)
             .map_err(|wrong| wrong.at(word.offset))?;
         let target = self.plain_target(words);
-        let place = self.in_machine(&place.put_into(self.in_program(&target), plane));
+        let place = self
+            .offsets
+            .in_machine(&place.put_into(self.offsets.in_program(&target), plane));
         Ok(Flat::of(&place, plane).put_into(target, plane))
     }
 
@@ -227,10 +214,10 @@ impl State {
     fn turned_target(&self, words: &Words) -> AxisVector {
         if self.in_force.incremental {
             let step = self.with_words(words, AxisVector::zeros());
-            return self.position + self.turned(step);
+            return self.position + self.offsets.turned(step);
         }
-        let place = self.with_words(words, self.in_program(&self.position));
-        self.shorter_ways(self.in_machine(&place))
+        let place = self.with_words(words, self.offsets.in_program(&self.position));
+        self.shorter_ways(self.offsets.in_machine(&place))
     }
 
     /// G53: the words are machine coordinates.

@@ -207,7 +207,7 @@ impl State {
             [Some(first), Some(second)] => {
                 let step = Flat::new(first.value, second.value) * self.in_force.unit_mm();
                 let step = step.put_into(AxisVector::zeros(), plane);
-                Ok(Some(Flat::of(&self.turned(step), plane)))
+                Ok(Some(Flat::of(&self.offsets.turned(step), plane)))
             }
             [None, None] => Ok(None),
             [given, _] => {

@@ -110,7 +110,7 @@ impl State {
         if let Some(tool) = self.tools.find(number) {
             return Ok((self.equipment.by_axis(&tool.offset), number));
         }
-        if self.tools.table().is_empty() {
+        if self.tools.table.is_empty() {
             acts.note("G43: there is no tool table, so tools have no length; name one in the machine file: [program] tool_table");
         } else if number == 0 {
             acts.note("G43 without a tool in the spindle: nothing is taken off, as with G49 (T and M6 before it, or H, say which tool is meant)");

@@ -39,7 +39,10 @@ impl State {
             return refuse("in G91", "its profile is absolute: G90 before it");
         }
         let plane = self.plane_axes(word.offset)?;
-        let start = self.profile_place(words, Flat::of(&self.in_program(&self.position), plane))?;
+        let start = self.profile_place(
+            words,
+            Flat::of(&self.offsets.in_program(&self.position), plane),
+        )?;
         Ok(ProfileReading {
             pieces: vec![],
             start,
@@ -176,9 +179,13 @@ impl State {
     /// The motion of a cut from where the program is, and its motion mode.
     pub fn leg_of_cut(&self, cut: Cut, offset: usize) -> Result<(Leg, Motion), Refusal> {
         let plane = self.plane_axes(offset)?;
-        let program = self.in_program(&self.position);
-        let in_machine =
-            |place: Flat| Flat::of(&self.in_machine(&place.put_into(program, plane)), plane);
+        let program = self.offsets.in_program(&self.position);
+        let in_machine = |place: Flat| {
+            Flat::of(
+                &self.offsets.in_machine(&place.put_into(program, plane)),
+                plane,
+            )
+        };
         let (Cut::Rapid(to) | Cut::Feed(to) | Cut::Arc { to, .. }) = cut;
         let to = in_machine(to).put_into(self.position, plane);
         let feed = match cut {

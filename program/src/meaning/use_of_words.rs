@@ -13,8 +13,7 @@ fn letters_of(letter: char, number: u32) -> u32 {
     match (letter, number) {
         ('G', 40) => mask_of("P"),
         ('G', 100) => mask_of("PLRIJQXYZABCUVW"),
-        ('G', 280 | 300 | 520 | 920) => AXES,
-        ('G', 431) => AXES,
+        ('G', 280 | 300 | 431 | 520 | 920) => AXES,
         ('G', 430 | 432) => mask_of("H"),
         ('G', 640) => mask_of("PQ"),
         ('G', 700) => mask_of("QXZDEP"),
