@@ -4,7 +4,6 @@
 //! A CSV file whose head is TOML in comment lines: machine, program, settings, passes, and a checksum over all that follows it.
 
 use std::fmt::Write as _;
-use std::fs;
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
@@ -13,7 +12,7 @@ use xxhash_rust::xxh3::{Xxh3, xxh3_64};
 use crate::learned::Learned;
 use crate::load::machine_file;
 use crate::machine::Machine;
-use crate::settings_file::{self, SettingsFileError};
+use crate::settings_file::{self, SettingsFileError, read_text_within};
 
 /// Folder of these files, beside the machine file.
 pub const LEARNED_PATH_FOLDER: &str = "learned-path";
@@ -139,19 +138,7 @@ impl LearnedPath {
         if !path.exists() {
             return Ok(None);
         }
-        let unreadable = |what: String| SettingsFileError::Unreadable {
-            path: path.display().to_string(),
-            what,
-        };
-        let size =
-            fs::metadata(path).map_err(|error| unreadable(format!("cannot be read: {error}")))?;
-        if !size.is_file() || size.len() > FILE_BYTES_MAX {
-            return Err(unreadable(format!(
-                "is no file, or longer than {FILE_BYTES_MAX} bytes"
-            )));
-        }
-        let text = fs::read_to_string(path)
-            .map_err(|error| unreadable(format!("cannot be read: {error}")))?;
+        let text = read_text_within(path, FILE_BYTES_MAX)?;
         LearnedPath::parse(&path.display().to_string(), &text, machine).map(Some)
     }
 

@@ -47,4 +47,5 @@ pub use range::From;
 pub use rules::{At, Rules};
 pub use schema::{KeySchema, Kind, Schema, Word};
 pub use tables::{each_entry, number_of};
+pub(crate) use text::read_text_within;
 pub use text::{SETTINGS_FILE_BYTES_MAX, read_text};

@@ -15,25 +15,30 @@ pub const SETTINGS_FILE_BYTES_MAX: u64 = 1 << 20;
 /// # Errors
 /// It is no file, too long, not to be read, or not UTF-8.
 pub fn read_text(path: &Path) -> Result<String, SettingsFileError> {
-    read(path).map_err(|what| SettingsFileError::Unreadable {
+    read_text_within(path, SETTINGS_FILE_BYTES_MAX)
+}
+
+/// The same of a file that may be so long.
+pub(crate) fn read_text_within(path: &Path, bytes_max: u64) -> Result<String, SettingsFileError> {
+    read(path, bytes_max).map_err(|what| SettingsFileError::Unreadable {
         path: path.display().to_string(),
         what,
     })
 }
 
-fn read(path: &Path) -> Result<String, String> {
+fn read(path: &Path, bytes_max: u64) -> Result<String, String> {
     let cannot_be_read = |e: std::io::Error| format!("cannot be read: {e}");
     if !std::fs::metadata(path).map_err(cannot_be_read)?.is_file() {
         return Err("is not a file".into());
     }
     let file = open_to_read(path).map_err(cannot_be_read)?;
     let mut bytes = Vec::new();
-    file.take(SETTINGS_FILE_BYTES_MAX + 1)
+    file.take(bytes_max + 1)
         .read_to_end(&mut bytes)
         .map_err(cannot_be_read)?;
-    if bytes.len() as u64 > SETTINGS_FILE_BYTES_MAX {
+    if bytes.len() as u64 > bytes_max {
         return Err(format!(
-            "is longer than {SETTINGS_FILE_BYTES_MAX} bytes: no settings file is"
+            "is longer than {bytes_max} bytes: no settings file is"
         ));
     }
     String::from_utf8(bytes).map_err(|e| {
