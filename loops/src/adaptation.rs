@@ -189,7 +189,7 @@ impl Adaptation {
         Belief {
             level,
             load_n: state.trust() * self.load().on_table_n(&state.load, constant_n),
-            gap_mm: state.lost_motion.wider_mm(),
+            gap_mm: state.lost_motion.in_force_mm,
         }
     }
 

@@ -158,8 +158,7 @@ impl BacklashAcceleration {
     pub fn announce(&self, state: &mut ReversalState, direction: i32, movement: &MovementCommands) {
         let ahead = first_reversal(direction.into(), movement);
         let next = match (state.announcement(), ahead) {
-            (Announcement::Answered, Some(_)) => return,
-            (Announcement::Overdue, None) => return,
+            (Announcement::Answered, Some(_)) | (Announcement::Overdue, None) => return,
             (_, Some(at)) => {
                 let acceleration = acceleration(direction.into(), at, movement);
                 state.trigger_speed_mm_s = acceleration.map_or(0.0, |(difference, periods)| {

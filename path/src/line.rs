@@ -25,16 +25,8 @@ pub struct StraightLine {
     from: [i64; PATH_AXES],
     /// Signed travel of each axis.
     travel: [i128; PATH_AXES],
-    master: usize,
-}
-
-/// Where the accumulating form is on a line; all zero at its start.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct LineState {
-    /// I of the source, per axis: travel so far, counted in the direction of the axis' own travel.
-    pub travelled: [i128; PATH_AXES],
-    /// B of the source, per axis.
-    pub remainder: [i128; PATH_AXES],
+    /// Index of the axis that runs the position pattern.
+    pub master: usize,
 }
 
 /// Largest place of an axis, in increments: the square of a travel between two of them fits 128 bits.
@@ -59,11 +51,6 @@ impl StraightLine {
         }
     }
 
-    /// Index of the axis that runs the position pattern.
-    pub fn master(&self) -> usize {
-        self.master
-    }
-
     /// Δx: how far the master travels from start to end, in increments, not negative.
     pub fn master_travel(&self) -> i128 {
         self.travel
@@ -71,34 +58,8 @@ impl StraightLine {
             .map_or(0, |travel| travel.abs())
     }
 
-    /// The source's block: the master goes on by `step` increments in its own direction (back if negative), the others
-    /// follow. The state then is at the new place.
-    pub fn advance(&self, state: &mut LineState, step: i64) {
-        let whole = self.master_travel();
-        if whole == 0 {
-            return;
-        }
-        let of_axes = state.travelled.iter_mut().zip(&mut state.remainder);
-        for ((travelled, remainder), travel) in of_axes.zip(&self.travel) {
-            // For the master itself |Δy| = |Δx|: the whole step, no remainder.
-            let sum = i128::from(step) * travel.abs() + *remainder;
-            *travelled += sum.div_euclid(whole);
-            *remainder = sum.rem_euclid(whole);
-        }
-    }
-
-    /// The place a state is at, in increments.
-    pub fn place(&self, state: &LineState) -> [i64; PATH_AXES] {
-        let mut place = self.from;
-        let of_axes = place.iter_mut().zip(&state.travelled).zip(&self.travel);
-        for ((place, travelled), travel) in of_axes {
-            *place = place.wrapping_add((travelled * travel.signum()) as i64);
-        }
-        place
-    }
-
-    /// The closed form of the same: the place at which the master is at `master_position`, in increments, held
-    /// between start and end. A planner that starts again at any setpoint needs no remainder to go on with.
+    /// The closed form: the place at which the master is at `master_position`, in increments, held between start and end. A planner
+    /// that starts again at any setpoint needs no remainder to go on with.
     pub fn at_master(&self, master_position: i64) -> [i64; PATH_AXES] {
         let whole = self.master_travel();
         let travel = self.travel.get(self.master).copied().unwrap_or(0);
@@ -123,6 +84,44 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
+    /// Where the accumulating form is on a line; all zero at its start.
+    #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+    struct LineState {
+        /// I of the source, per axis: travel so far, counted in the direction of the axis' own travel.
+        travelled: [i128; PATH_AXES],
+        /// B of the source, per axis.
+        remainder: [i128; PATH_AXES],
+    }
+
+    /// The accumulating form, which a planner that starts again at any setpoint could not go on with.
+    impl StraightLine {
+        /// The source's block: the master goes on by `step` increments in its own direction (back if negative), the others
+        /// follow. The state then is at the new place.
+        fn advance(&self, state: &mut LineState, step: i64) {
+            let whole = self.master_travel();
+            if whole == 0 {
+                return;
+            }
+            let of_axes = state.travelled.iter_mut().zip(&mut state.remainder);
+            for ((travelled, remainder), travel) in of_axes.zip(&self.travel) {
+                // For the master itself |Δy| = |Δx|: the whole step, no remainder.
+                let sum = i128::from(step) * travel.abs() + *remainder;
+                *travelled += sum.div_euclid(whole);
+                *remainder = sum.rem_euclid(whole);
+            }
+        }
+
+        /// The place a state is at, in increments.
+        fn place(&self, state: &LineState) -> [i64; PATH_AXES] {
+            let mut place = self.from;
+            let of_axes = place.iter_mut().zip(&state.travelled).zip(&self.travel);
+            for ((place, travelled), travel) in of_axes {
+                *place = place.wrapping_add((travelled * travel.signum()) as i64);
+            }
+            place
+        }
+    }
+
     fn line(travel: &[i64]) -> StraightLine {
         let mut to = [0; PATH_AXES];
         to.iter_mut().zip(travel).for_each(|(to, by)| *to = *by);
@@ -144,10 +143,10 @@ mod tests {
 
     #[test]
     fn the_axis_of_the_larger_travel_is_the_master_and_of_equal_ones_the_first() {
-        assert_eq!(line(&[10, -30, 20]).master(), 1);
-        assert_eq!(line(&[-30, 10, 20]).master(), 0);
-        assert_eq!(line(&[20, -20]).master(), 0);
-        assert_eq!(line(&[0, 0, 1]).master(), 2);
+        assert_eq!(line(&[10, -30, 20]).master, 1);
+        assert_eq!(line(&[-30, 10, 20]).master, 0);
+        assert_eq!(line(&[20, -20]).master, 0);
+        assert_eq!(line(&[0, 0, 1]).master, 2);
     }
 
     #[test]
@@ -194,7 +193,7 @@ mod tests {
             let mut to = from;
             to.iter_mut().zip(&travel).for_each(|(to, by)| *to += by);
             let line = StraightLine::new(from, to);
-            let (master, whole) = (line.master(), line.master_travel() as i64);
+            let (master, whole) = (line.master, line.master_travel() as i64);
             let direction = travel[master].signum();
             let mut state = LineState::default();
             let mut at = 0i64;

@@ -57,7 +57,7 @@ pub struct PathPart {
     junctions: Junctions,
     first: u32,
     /// Up to here it is known how elements are rounded.
-    ready: u32,
+    pub(crate) ready: u32,
     complete: bool,
     /// Length of the path up to the end of what is at hand, in mm.
     length_mm: f64,
@@ -184,11 +184,6 @@ impl PathPart {
     /// Whether elements may be rounded at all: axes that do not move in straight lines travel the path exactly.
     fn may_round(&self) -> bool {
         self.limits.setpoints().kinematics == Kinematics::Cartesian
-    }
-
-    /// Number of the element behind the last one of which it is known how it is rounded.
-    pub(crate) fn ready(&self) -> u32 {
-        self.ready
     }
 
     /// Nothing comes after what is at hand.

@@ -27,7 +27,7 @@ impl MotionLimits {
             return rounded;
         }
         let line = self.line(element);
-        line.at_master(rounded.get(line.master()).copied().unwrap_or(0))
+        line.at_master(rounded.get(line.master).copied().unwrap_or(0))
     }
 
     /// The line between the rounded ends of a straight element.

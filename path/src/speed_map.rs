@@ -182,7 +182,7 @@ impl SpeedMap {
     /// Lays out the next block, if all that has a part in it is at hand.
     fn lay_out_block(&mut self, part: &PathPart) -> bool {
         let from = self.next_block;
-        let to = from.saturating_add(BLOCK_ELEMENTS).min(part.ready());
+        let to = from.saturating_add(BLOCK_ELEMENTS).min(part.ready);
         if from >= to || (to - from < BLOCK_ELEMENTS && !part.is_complete()) {
             return false;
         }
@@ -505,14 +505,14 @@ fn with_margins(part: &PathPart, block: Range<u32>, scan_period_s: f64) -> Optio
     };
     let mut to = block.end;
     // Where blocks beside this one end is to be known.
-    let is_end = part.is_complete() && part.end() == part.ready();
+    let is_end = part.is_complete() && part.end() == part.ready;
     let known = block.end.saturating_add(ZONE_BLOCKS * BLOCK_ELEMENTS);
-    if part.limits().smoothing_scans() > 0 && part.ready() < known && !is_end {
+    if part.limits().smoothing_scans() > 0 && part.ready < known && !is_end {
         return None;
     }
     while to - block.end < MARGIN_ELEMENTS && !(to == part.end() && part.is_complete()) {
         to += 1;
-        if to > part.ready() {
+        if to > part.ready {
             return None;
         }
         if margin.is_enough_with(part.laid(to - 1)?) {

@@ -145,16 +145,7 @@ pub struct WindowPlanner {
 const BEHIND_ELEMENTS: u32 = 1024;
 
 impl WindowPlanner {
-    /// Maps a whole path.
-    pub fn new(
-        path: impl Into<Arc<Path>>,
-        limits: MotionLimits,
-        settings: WindowSettings,
-    ) -> Result<Self, PlanError> {
-        Self::with_positioning(path, limits, settings, None)
-    }
-
-    /// The same with single rapids from rest to rest at least heat, where `positioning` is given.
+    /// Maps a whole path; single rapids from rest to rest are of least heat where `positioning` is given.
     pub fn with_positioning(
         path: impl Into<Arc<Path>>,
         limits: MotionLimits,

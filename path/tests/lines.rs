@@ -1,7 +1,7 @@
 //! Random lines: at every scan each slave within one increment of the exact line, no faster than its master.
 
 use path::geometry::PATH_AXES;
-use path::line::{LineState, StraightLine};
+use path::line::StraightLine;
 use rand_xoshiro::SplitMix64;
 use rand_xoshiro::rand_core::{Rng, SeedableRng};
 
@@ -45,12 +45,11 @@ fn on_any_line_no_axis_is_an_increment_off_at_any_scan() {
         }
         let line = StraightLine::new(from, to);
         let travel: [i64; PATH_AXES] = std::array::from_fn(|axis| to[axis] - from[axis]);
-        let master = line.master();
+        let master = line.master;
         slave_was_first[master] = true;
         let whole = travel[master].unsigned_abs();
         assert!(travel.iter().all(|by| by.unsigned_abs() <= whole));
 
-        let mut state = LineState::default();
         let (mut at, mut before, mut step_before) = (0u64, from, [0i64; PATH_AXES]);
         let mut master_step_before = 0i64;
         for scan in 0..=SCANS {
@@ -62,8 +61,7 @@ fn on_any_line_no_axis_is_an_increment_off_at_any_scan() {
             };
             at += step;
             let master_step = step as i64;
-            line.advance(&mut state, master_step);
-            let place = line.place(&state);
+            let place = line.at_master(from[master] + travel[master].signum() * at as i64);
             for axis in 0..axes {
                 // (y − y_start)·Δx − x·Δy, the distance from the exact line times Δx.
                 let of_axis = i128::from(place[axis] - from[axis]) * i128::from(whole);

@@ -137,7 +137,7 @@ fn whole(elements: &[Element], limits: &MotionLimits) -> WindowPlanner {
     let path = Path {
         elements: elements.to_vec(),
     };
-    WindowPlanner::new(path, limits.clone(), settings(limits)).unwrap()
+    WindowPlanner::with_positioning(path, limits.clone(), settings(limits), None).unwrap()
 }
 
 /// Executes a period of each window, as a cell does, and reads before each. All setpoints, up to so many.

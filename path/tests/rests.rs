@@ -29,7 +29,7 @@ fn planner(elements: Vec<Element>) -> WindowPlanner {
         override_max: 1.0,
         elements_per_s_max: f64::INFINITY,
     };
-    WindowPlanner::new(Path { elements }, limits, settings).expect("a planner")
+    WindowPlanner::with_positioning(Path { elements }, limits, settings, None).expect("a planner")
 }
 
 /// Two pieces of a straight line, with a rest between them.

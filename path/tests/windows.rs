@@ -96,10 +96,11 @@ fn planner(
     intended_setpoints_max: u32,
 ) -> WindowPlanner {
     let path = Path { elements };
-    WindowPlanner::new(
+    WindowPlanner::with_positioning(
         path,
         limits(scan_period_s),
         settings(intended_setpoints_max),
+        None,
     )
     .unwrap()
 }
@@ -895,7 +896,9 @@ fn a_speed_whose_braking_does_not_fit_the_window_is_limited_and_named() {
         override_max: 1.0,
         elements_per_s_max: f64::INFINITY,
     };
-    let mut planner = WindowPlanner::new(Path { elements: fast }, limits(1e-3), short).unwrap();
+    let mut planner =
+        WindowPlanner::with_positioning(Path { elements: fast }, limits(1e-3), short, None)
+            .unwrap();
     let limited = planner.speed_map().speed_limited_by_window_mm_s().unwrap();
     // 60 scans of braking at 2000 mm/s².
     assert!((limited - 120.0).abs() < 0.5, "{limited}");
@@ -1117,7 +1120,8 @@ fn a_move_along_a_line_does_not_excite_the_frequency_that_is_to_be_spared() {
             let line = vec![Element::line(1, at(&[]), at(&[20.0, 0.0]), Feed::Rapid)];
             let limits = limits_with_jerk(scan_period_s, f64::INFINITY, vibration_hz);
             let path = Path { elements: line };
-            let mut planner = WindowPlanner::new(path, limits, settings(32)).unwrap();
+            let mut planner =
+                WindowPlanner::with_positioning(path, limits, settings(32), None).unwrap();
             let (_, setpoints) = walk(&mut planner, 8);
             let places = setpoints.iter().map(|of| of.position_increments[0] as f64);
             let last = setpoints.last().unwrap().position_increments[0] as f64;

@@ -43,7 +43,8 @@ pub struct LostMotionState {
     known: [f64; 2],
     /// Believed gap beyond the tuned one, in mm, and what of it is in force.
     gap_mm: f64,
-    in_force_mm: f64,
+    /// Gap beyond the tuned one that is in force, in mm.
+    pub in_force_mm: f64,
 }
 
 impl LostMotion {
@@ -92,11 +93,6 @@ impl LostMotion {
 }
 
 impl LostMotionState {
-    /// Gap beyond the tuned one that is in force, in mm.
-    pub fn wider_mm(&self) -> f64 {
-        self.in_force_mm
-    }
-
     /// The axis is moved by others: what is known stays, what was being looked at does not.
     pub fn leave(&mut self) {
         self.far = [0.0; 2];
@@ -114,7 +110,7 @@ mod tests {
         for stroke in 0..count {
             let side = if stroke % 2 == 0 { 1.0 } else { -1.0 };
             for step in 0..100 {
-                let compensation_mm = 0.5 * side * (TUNED.gap_mm + state.wider_mm());
+                let compensation_mm = 0.5 * side * (TUNED.gap_mm + state.in_force_mm);
                 let wind_mm = 0.5 * side * gap_mm + 0.02;
                 TUNED.update(state, wind_mm, compensation_mm, f64::from(step) * 0.05);
                 TUNED.come_into_force(state, 0.1);
@@ -128,7 +124,7 @@ mod tests {
         for gap_mm in [4e-3, 5e-3, 7e-3] {
             let mut state = LostMotionState::default();
             strokes(30, gap_mm, &mut state);
-            let found_mm = TUNED.gap_mm + state.wider_mm();
+            let found_mm = TUNED.gap_mm + state.in_force_mm;
             assert!((found_mm - gap_mm).abs() < 3e-4, "{found_mm}");
         }
     }
@@ -144,8 +140,8 @@ mod tests {
         }
         assert_eq!(state, LostMotionState::default());
         strokes(60, 0.1, &mut state);
-        assert!((state.wider_mm() - MAX_MM).abs() < 1e-5);
+        assert!((state.in_force_mm - MAX_MM).abs() < 1e-5);
         strokes(200, -0.1, &mut state);
-        assert!((-5e-3..-2e-3).contains(&state.wider_mm()));
+        assert!((-5e-3..-2e-3).contains(&state.in_force_mm));
     }
 }
