@@ -22,7 +22,7 @@ use machine::Machine;
 use master::bus_ports::BusPorts;
 use master::saved::Latches;
 use master::{Answered, Answers, Drives, Flow, Master, MasterError, MasterPorts, RunEnd};
-use planner::Planner;
+use planner::{Planner, ProgramText};
 use plant_sim::plant_file::PlantFile;
 use servo::Servo;
 
@@ -211,6 +211,7 @@ fn a_scan_allocates_nothing_but_what_iceoryx2_allocates_per_send() {
     let plant = PlantFile::load(&folder).expect("the plant");
     let program = folder.join("programs/circle-r25-f3000.ngc");
     let program = std::fs::read_to_string(program).expect("a program");
+    let program = ProgramText::Here("circle".into(), program.into());
     let paths = CellPaths::new(&format!("alloc-{}", std::process::id())).expect("a name");
     let owned = paths.own(Duration::ZERO).expect("the cell");
     let shape = machine.shape();
@@ -235,7 +236,7 @@ fn a_scan_allocates_nothing_but_what_iceoryx2_allocates_per_send() {
         ports: BusPorts::open(enter(0, "master"), &machine, limit).expect("ports"),
         servos: (0..axes).map(servo).collect(),
         planner: (
-            Planner::new(&machine, "circle", program, 1),
+            Planner::of(&machine, program, 1),
             planner_ports.expect("ports"),
         ),
         windows: launcher.window_reader(SCAN_DEPTH).expect("windows"),

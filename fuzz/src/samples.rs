@@ -12,7 +12,7 @@ use bytemuck::{Pod, Zeroable, bytes_of, bytes_of_mut};
 use machine::{Machine, Process};
 use master::saved::SavedState;
 use master::{Answers, Master, RunEnd};
-use planner::Planner;
+use planner::{Planner, ProgramText};
 use plant_sim::SimulatedDrives;
 use plant_sim::plant_file::PlantFile;
 use servo::Servo;
@@ -24,6 +24,10 @@ const SCANS: usize = 60;
 /// Things that are done with one input.
 const STEPS_MAX: usize = 16;
 const PROGRAM: &str = "G21 G17 G90 G94\nG0 X5 Y0\nG3 X5 Y0 I-5 J0 F3000\nM2\n";
+
+fn program() -> ProgramText {
+    ProgramText::Here("fuzz".into(), PROGRAM.into())
+}
 
 /// A cell, between two scans.
 #[derive(Clone)]
@@ -65,7 +69,7 @@ impl Cell {
             *place = process.first();
         }
         let mut cell = Cell {
-            planner: Planner::new(&machine, "fuzz", PROGRAM.into(), 1),
+            planner: Planner::of(&machine, program(), 1),
             master: Master::new(
                 &machine,
                 plant.drives(&machine).expect("drives"),
@@ -253,14 +257,14 @@ fn step(cell: &mut Cell, bytes: &mut Bytes<'_>) {
         }
         7 => {
             let mut saved = cell.saved.clone();
-            bytes.change(saved.bytes_mut());
+            bytes.change(&mut saved.bytes);
             std::mem::swap(&mut saved, &mut cell.saved);
             cell.replace_master();
         }
         _ => {
             // Another planner, that knows nothing and sees this.
             bytes.tamper(&mut feedback);
-            cell.planner = Planner::new(&cell.machine, "fuzz", PROGRAM.into(), 2);
+            cell.planner = Planner::of(&cell.machine, program(), 2);
             for _ in 0..3 {
                 cell.ask_planner(&feedback);
             }

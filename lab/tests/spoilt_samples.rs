@@ -18,7 +18,7 @@ use lab::cell::{InProcessCell, Window};
 use lab::corruption::spoil_number;
 use lab::invariants::{Course, Judge};
 use machine::Machine;
-use planner::Planner;
+use planner::{Planner, ProgramText};
 use plant_sim::plant_file::PlantFile;
 use plant_sim::script::faults::Spoil;
 use servo::Servo;
@@ -254,7 +254,8 @@ fn a_planner_that_is_told_nonsense_does_not_panic() {
         if leaf.name.starts_with("axes.") && !leaf.name.starts_with("axes.0") {
             continue;
         }
-        let mut planner = Planner::new(&machine, "short.ngc", PROGRAM.into(), 1);
+        let program = ProgramText::Here("short.ngc".into(), PROGRAM.into());
+        let mut planner = Planner::of(&machine, program, 1);
         for feedback in boundaries.iter().take(4) {
             planner.scan(feedback);
         }

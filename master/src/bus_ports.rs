@@ -217,7 +217,8 @@ impl Clock {
 
 /// The ports of a master process.
 pub struct BusPorts {
-    member: Member,
+    /// The process's membership of its cell.
+    pub member: Member,
     axes: Vec<String>,
     ports: Ports,
     roster: Roster,
@@ -265,11 +266,6 @@ impl BusPorts {
             saved: None,
             member,
         })
-    }
-
-    /// The process's membership of its cell.
-    pub fn member(&self) -> &Member {
-        &self.member
     }
 
     /// The pace of the cell.

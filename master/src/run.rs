@@ -44,7 +44,7 @@ pub fn run<D: Drives, P: MasterPorts<Error = MasterError>>(
     let member = Member::enter(options.slot.clone(), name, &machine.shape())?;
     let mut ports =
         BusPorts::open(member, machine, options.answer_limit).map_err(MemberError::Cell)?;
-    let member = ports.member();
+    let member = &ports.member;
     let latches = restore(member, &mut drives)?;
     let first_scan = first_scan(
         latches.map(|latches| latches.scan),
@@ -90,7 +90,7 @@ fn first_scan(saved: Option<u64>, published: Option<u64>) -> u64 {
 /// Takes over what a master before this one left.
 fn restore(member: &Member, drives: &mut impl Drives) -> Result<Option<Latches>, MasterError> {
     let mut saved = SavedState::of(drives);
-    if !member.page.load_machine_state(saved.bytes_mut()) {
+    if !member.page.load_machine_state(&mut saved.bytes) {
         return Ok(None);
     }
     Ok(Some(saved.restore(drives)?))

@@ -130,7 +130,8 @@ pub struct QuestionLatches {
 /// One saved state: the latches, then the drives.
 #[derive(Debug, Clone)]
 pub struct SavedState {
-    bytes: Vec<u8>,
+    /// All of it; to be filled with a state that was saved.
+    pub bytes: Vec<u8>,
 }
 
 impl SavedState {
@@ -156,11 +157,6 @@ impl SavedState {
             head.copy_from_slice(bytemuck::bytes_of(latches));
         }
         &self.bytes
-    }
-
-    /// The bytes, to be filled with a state that was saved.
-    pub fn bytes_mut(&mut self) -> &mut [u8] {
-        &mut self.bytes
     }
 
     /// Puts the drives where this state has them; its latches.

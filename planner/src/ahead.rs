@@ -264,12 +264,6 @@ impl Course {
             reading: self.reading.snapshot(),
         });
     }
-
-    /// Whether the motion can go on from an element: all is known that it depends on.
-    pub fn is_ready(&self, element: u32) -> bool {
-        self.windows.is_mapped(element)
-    }
-
     /// What comes next is refused for this reason, once all before it is read.
     pub fn refused(&self) -> Option<&AheadError> {
         self.refused.as_deref()

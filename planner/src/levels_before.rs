@@ -15,7 +15,8 @@ pub(crate) struct LevelsBefore {
     turns_before: Option<ProgramEvent>,
     /// Mist, flood, outputs, overrides and the offset of the tool: the last of each.
     switched: Vec<ProgramEvent>,
-    coupled: bool,
+    /// Whether a tap is in its thread.
+    pub is_in_thread: bool,
 }
 
 impl LevelsBefore {
@@ -47,8 +48,8 @@ impl LevelsBefore {
                 self.switched.retain(|of| !same(of));
                 self.switched.push(*event);
             }
-            EventCode::SpindleCouple => self.coupled = true,
-            EventCode::SpindleUncouple => self.coupled = false,
+            EventCode::SpindleCouple => self.is_in_thread = true,
+            EventCode::SpindleUncouple => self.is_in_thread = false,
             EventCode::AwaitSpindle
             | EventCode::OptionalStop
             | EventCode::ProgramStop
@@ -73,11 +74,6 @@ impl LevelsBefore {
         }
         self.turns = None;
         self.tool = Some(*event);
-    }
-
-    /// Whether a tap is in its thread.
-    pub fn is_in_thread(&self) -> bool {
-        self.coupled
     }
 
     /// The events that set these levels, counted from 1; before the last of them the spindle is at its speed.
@@ -196,8 +192,8 @@ mod tests {
         };
         let mut levels = LevelsBefore::default();
         levels.take(&of(EventCode::SpindleCouple));
-        assert!(levels.is_in_thread());
+        assert!(levels.is_in_thread);
         levels.take(&of(EventCode::SpindleUncouple));
-        assert!(!levels.is_in_thread());
+        assert!(!levels.is_in_thread);
     }
 }

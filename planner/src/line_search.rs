@@ -186,7 +186,7 @@ impl LineSearch {
         let before = element.checked_sub(1);
         let within = before.is_some_and(|before| in_step::pass_of(passes, before).is_some())
             && in_step::pass_of(passes, element).is_some();
-        if within || self.levels.is_in_thread() {
+        if within || self.levels.is_in_thread {
             return Err(LineError::InThread { line: self.line });
         }
         Ok(StartPlace {

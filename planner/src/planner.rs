@@ -162,10 +162,11 @@ struct Trouble {
 /// The planner.
 #[derive(Debug, Clone)]
 pub struct Planner {
-    machine: Machine,
+    /// The machine, with what its program began with.
+    pub machine: Machine,
     program: Option<ProgramText>,
     /// Its number, as in the feedback.
-    load: u32,
+    pub load: u32,
     incarnation: u32,
     period_scans: u64,
     course: Option<Course>,
@@ -192,17 +193,6 @@ pub struct Planner {
 
 impl Planner {
     /// A planner of one program; its path is read when the machine is first seen enabled, from where it then stands.
-    pub fn new(
-        machine: &Machine,
-        program_name: &str,
-        program_text: String,
-        incarnation: u32,
-    ) -> Planner {
-        let program = ProgramText::Here(program_name.into(), program_text.into());
-        Planner::of(machine, program, incarnation)
-    }
-
-    /// The same of a program that may lie in a file.
     pub fn of(machine: &Machine, program: ProgramText, incarnation: u32) -> Planner {
         Planner {
             program: Some(program),
@@ -246,11 +236,6 @@ impl Planner {
             returns_from: self.return_to_path.as_ref().map(|way| way.from),
             cause: self.cause(),
         }
-    }
-
-    /// Number of the program it has, as in the feedback.
-    pub fn loaded(&self) -> u32 {
-        self.load
     }
 
     /// Takes the program that the feedback names, in place of the one before. One that could not be read, or
@@ -328,11 +313,6 @@ impl Planner {
             self.answers = answers;
             self.read_anew();
         }
-    }
-
-    /// The machine, with what its program began with.
-    pub fn machine(&self) -> &Machine {
-        &self.machine
     }
 
     /// Takes what programs before and operators have kept; the program is read again with anything else.
@@ -714,7 +694,7 @@ impl Planner {
         let course = self.course.as_ref()?;
         let interrupted_at = feedback.interrupted_at;
         let windows = &course.windows;
-        if !course.is_ready(interrupted_at.element) {
+        if !course.windows.is_mapped(interrupted_at.element) {
             return None;
         }
         let probed = Some(interrupted_at.element) == course.events.probed;

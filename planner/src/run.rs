@@ -119,19 +119,19 @@ pub fn cycle(planner: &mut Planner, ports: &mut impl PlannerPorts) -> bool {
 
 /// Takes what has changed since the feedback before: program, run, answer, and a place to read on from.
 fn take_up(planner: &mut Planner, ports: &mut impl PlannerPorts, feedback: &Feedback) {
-    if feedback.load != planner.loaded() {
+    if feedback.load != planner.load {
         let load = feedback.load;
-        let kept = ports.parameters(None, planner.machine(), &feedback.auxiliary);
+        let kept = ports.parameters(None, &planner.machine, &feedback.auxiliary);
         let program = planner.take_kept(kept).and_then(|()| {
             let none = || format!("the cell has no program of number {load}");
             ports.program(load).ok_or_else(none)
         });
         planner.load(program, feedback);
     }
-    ports.keep_tool(planner.machine(), feedback.auxiliary.tool);
+    ports.keep_tool(&planner.machine, feedback.auxiliary.tool);
     if planner.is_other_run(feedback) {
         let run = Some((feedback.load, feedback.run));
-        let kept = ports.parameters(run, planner.machine(), &feedback.auxiliary);
+        let kept = ports.parameters(run, &planner.machine, &feedback.auxiliary);
         if let Err(why) = planner.take_kept(kept) {
             planner.give_up(why);
         }

@@ -7,7 +7,7 @@ use bytemuck::Zeroable;
 use machine::{Machine, Process};
 use master::saved::SavedState;
 use master::{Master, RunEnd};
-use planner::Planner;
+use planner::{Planner, ProgramText};
 use servo::Servo;
 
 use crate::bench::{Budget, Mistake, PROGRAM, Setting};
@@ -86,8 +86,8 @@ impl Frame {
 
     /// A planner that knows nothing but the program.
     pub fn new_planner(&self, incarnation: u32) -> Arc<Planner> {
-        let text = PROGRAM.to_string();
-        Arc::new(Planner::new(&self.machine, "model", text, incarnation))
+        let text = ProgramText::Here("model".into(), PROGRAM.into());
+        Arc::new(Planner::of(&self.machine, text, incarnation))
     }
 
     /// A servo that knows nothing.

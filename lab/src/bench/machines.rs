@@ -121,7 +121,7 @@ mod tests {
             let plant = PlantFile::load(&plant).expect("a plant file");
             let drives = plant.drives(&made).expect("drives");
             // A master that dies leaves all of its state.
-            let state = SavedState::of(&drives).bytes_mut().len();
+            let state = SavedState::of(&drives).bytes.len();
             assert!(state <= MACHINE_STATE_BYTES, "{axes} axes: {state} bytes");
         }
         let own = Machine::load(&source).expect("xy");

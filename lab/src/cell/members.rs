@@ -5,7 +5,7 @@ use std::rc::Rc;
 
 use bus::sample::Job;
 use machine::{Machine, Process};
-use planner::Planner;
+use planner::{Planner, ProgramText};
 use plant_sim::script::faults::FaultScript;
 use servo::{Servo, ServoSettingsError};
 
@@ -124,8 +124,9 @@ impl PlannerMember {
         fired: &Fired,
     ) -> PlannerMember {
         let sender = Job::Planner.into();
+        let program = ProgramText::Here(name.into(), text.into());
         PlannerMember {
-            planner: Planner::new(machine, name, text.into(), life.incarnation),
+            planner: Planner::of(machine, program, life.incarnation),
             life,
             ports: Faulty::new(PlannerQueues::default(), script, sender, fired_by(fired)),
         }

@@ -33,7 +33,7 @@ impl ScriptedPorts {
         first_scan: u64,
     ) -> ScriptedPorts {
         orders.retain(|order| order.scan >= first_scan);
-        let page = &ports.member().page;
+        let page = &ports.member.page;
         let fired = |index| page.fault_fired(index);
         ScriptedPorts {
             injector: faults.map(|script| FaultInjector::new(script, fired, first_scan)),
@@ -48,7 +48,7 @@ impl ScriptedPorts {
     fn inject(&mut self, scan: u64, published: bool) -> Flow {
         let realtime = self.ports.pace() == Pace::Realtime;
         loop {
-            let member = self.ports.member();
+            let member = &self.ports.member;
             if realtime && !member.page.is_done(self.asked) {
                 return Flow::GoOn;
             }
@@ -60,7 +60,7 @@ impl ScriptedPorts {
                 // Or the log would miss a process that was replaced and killed before the recorder had seen it.
                 self.ports.await_log(scan);
             }
-            let member = self.ports.member();
+            let member = &self.ports.member;
             self.asked = member.page.ask_launcher(index, step, scan);
             if realtime {
                 continue;
@@ -98,7 +98,7 @@ impl MasterPorts for ScriptedPorts {
     fn begin_scan(&mut self, feedback: &Feedback, ask_planner: bool) -> Flow {
         let scan = feedback.scan;
         if let Some(injector) = &mut self.injector {
-            let page = &self.ports.member().page;
+            let page = &self.ports.member.page;
             injector.look(feedback, |index| page.set_fault_fired(index, scan));
         }
         if self.inject(scan, false) == Flow::Leave
