@@ -72,7 +72,7 @@ fn run_with(
         let last = published.instruments.subsamples as usize - 1;
         let table_mm = [0, 1].map(|axis| published.instruments.axes[axis].table_mm[last]);
         let feedback = *published.feedback;
-        let spindle = cell.drives().auxiliaries().state().spindle;
+        let spindle = cell.drives().auxiliaries.state().spindle;
         rows.push(Row {
             feedback,
             table_mm,

@@ -48,7 +48,7 @@ impl Bench {
         Bench {
             side: Master::new(
                 &machine,
-                SimulatedDrives::new(simulations),
+                SimulatedDrives::with_dead_time(simulations, 1),
                 1,
                 0,
                 true,

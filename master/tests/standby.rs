@@ -55,7 +55,7 @@ impl Bench {
         Bench {
             side: Master::new(
                 &machine,
-                SimulatedDrives::new(simulations),
+                SimulatedDrives::with_dead_time(simulations, 1),
                 1,
                 0,
                 true,
@@ -403,7 +403,7 @@ fn a_lost_planner_leaves_a_hold_only_where_it_is_to_wait() {
         let mut bench = Bench::new();
         bench.side = Master::new(
             &machine,
-            SimulatedDrives::new(simulations),
+            SimulatedDrives::with_dead_time(simulations, 1),
             1,
             0,
             true,
@@ -473,7 +473,7 @@ fn an_axis_outside_its_travel_is_jogged_inwards_and_no_program_moves_it() {
         let mut bench = Bench::new();
         bench.side = Master::new(
             &machine,
-            SimulatedDrives::new(simulations),
+            SimulatedDrives::with_dead_time(simulations, 1),
             1,
             0,
             false,

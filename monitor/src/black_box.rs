@@ -407,7 +407,7 @@ fn samples(mut bytes: &[u8]) -> impl Iterator<Item = (Content, usize, &[u8])> {
         let length = u32::from_le_bytes(*head.get(2..)?.first_chunk()?) as usize;
         let (body, rest) = rest.split_at_checked(length)?;
         bytes = rest;
-        let content = Content::from_byte(*head.first()?)?;
+        let content: Content = bytemuck::checked::try_cast(*head.first()?).ok()?;
         Some((content, usize::from(*head.get(1)?), body))
     })
 }

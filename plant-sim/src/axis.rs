@@ -137,7 +137,8 @@ struct Progress {
 /// One simulated axis: settings and state.
 #[derive(Debug, Clone, PartialEq)]
 pub struct AxisSimulation {
-    settings: AxisSettings,
+    /// The settings it was made with.
+    pub(crate) settings: AxisSettings,
     state: AxisState,
 }
 
@@ -228,11 +229,6 @@ impl AxisSimulation {
         state.mechanics.table_m = settings.start_m;
         state.drive.counts = counts(settings.start_m, settings.count_m);
         AxisSimulation { settings, state }
-    }
-
-    /// The settings it was made with.
-    pub fn settings(&self) -> &AxisSettings {
-        &self.settings
     }
 
     /// Everything it remembers.

@@ -23,7 +23,8 @@ pub struct SimulatedDrives {
     pub(crate) bridges: Vec<BridgedAxes>,
     /// What axes get of where others are.
     pub(crate) cross_talk: Vec<CrossTalk>,
-    auxiliaries: SimulatedAuxiliaries,
+    /// Spindle and tool changer.
+    pub auxiliaries: SimulatedAuxiliaries,
     probe: Option<SimulatedProbe>,
     inputs: SimulatedInputs,
 }
@@ -94,7 +95,7 @@ impl SimulatedAxis {
 
     fn save(&self, bytes: &mut &mut [u8]) {
         put(bytes, self.simulation.state());
-        put(bytes, self.homing.state());
+        put(bytes, &self.homing.state);
         for command in &self.on_the_way {
             let (kind, values) = command.parts();
             put(bytes, &SavedCommand { kind, values });
@@ -194,11 +195,6 @@ fn run_down(axes: &mut [SimulatedAxis], bridges: &[BridgedAxes], together: Optio
 }
 
 impl SimulatedDrives {
-    /// These axes, whose commands act in the scan of their exchange.
-    pub fn new(simulations: Vec<AxisSimulation>) -> SimulatedDrives {
-        Self::with_dead_time(simulations, 1)
-    }
-
     /// These axes, whose commands act so many scans after the feedback that they answer, at least one.
     pub fn with_dead_time(simulations: Vec<AxisSimulation>, scans: u32) -> SimulatedDrives {
         let axis = |simulation| SimulatedAxis {
@@ -238,17 +234,6 @@ impl SimulatedDrives {
             axis.homing = of_axis(index, &axis.simulation).unwrap_or_default();
         }
         self
-    }
-
-    /// The same with spindle, tool changer and outputs.
-    pub fn with(mut self, auxiliaries: SimulatedAuxiliaries) -> SimulatedDrives {
-        self.auxiliaries = auxiliaries;
-        self
-    }
-
-    /// Spindle, tool changer and outputs.
-    pub fn auxiliaries(&self) -> &SimulatedAuxiliaries {
-        &self.auxiliaries
     }
 }
 
@@ -356,7 +341,7 @@ impl Drives for SimulatedDrives {
         if let Some(probe) = &mut self.probe {
             let samples = axes
                 .first()
-                .map(|axis| axis.simulation.settings().samples_per_scan());
+                .map(|axis| axis.simulation.settings.samples_per_scan());
             probe.scan(samples.unwrap_or(1).max(1), |axis, sample| {
                 let samples = axes.get(axis).map(|axis| &axis.samples);
                 let sample = samples.and_then(|samples| samples.get(sample));
@@ -371,7 +356,7 @@ impl Drives for SimulatedDrives {
     }
 
     fn inputs(&self) -> InputFeedback {
-        let mut shown = self.inputs.feedback();
+        let mut shown = self.inputs.shown;
         for axis in &self.axes {
             shown.digital |= axis.homing.inputs();
         }
@@ -397,7 +382,7 @@ impl Drives for SimulatedDrives {
 
     fn instruments(&self, axis: usize) -> &[InstrumentSample] {
         self.axes.get(axis).map_or(&[], |axis| {
-            let count = axis.simulation.settings().samples_per_scan();
+            let count = axis.simulation.settings.samples_per_scan();
             axis.samples.get(..count).unwrap_or(&axis.samples)
         })
     }
@@ -410,9 +395,9 @@ impl Drives for SimulatedDrives {
     fn save(&self, mut bytes: &mut [u8]) {
         let bytes = &mut bytes;
         put(bytes, self.auxiliaries.state());
-        let probe = self.probe.as_ref().map(SimulatedProbe::state);
+        let probe = self.probe.as_ref().map(|probe| probe.state);
         put(bytes, &probe.unwrap_or_default());
-        put(bytes, self.inputs.state());
+        put(bytes, &self.inputs.state);
         self.axes.iter().for_each(|axis| axis.save(bytes));
     }
     fn restore(&mut self, mut bytes: &[u8]) -> Result<(), StateRefused> {
@@ -421,7 +406,7 @@ impl Drives for SimulatedDrives {
             return Err(StateRefused);
         }
         let probe = taken(bytes)?;
-        self.inputs.restore(&taken(bytes)?);
+        self.inputs.state = taken(bytes)?;
         let together = self.auxiliaries.brakes_together();
         self.auxiliaries.run_down();
         for axis in &mut self.axes {
@@ -438,7 +423,7 @@ impl Drives for SimulatedDrives {
         run_down(&mut self.axes, &self.bridges, together);
         let axes = &self.axes;
         if let Some(of_this) = &mut self.probe {
-            of_this.restore(&probe);
+            of_this.state = probe;
             let talks = &self.cross_talk;
             of_this.stand(|axis| table_mm(axes, talks, axis));
         }

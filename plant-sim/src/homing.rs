@@ -63,7 +63,8 @@ pub struct HomingState {
 #[derive(Debug, Clone, Copy, Default)]
 pub struct SimulatedHoming {
     settings: Settings,
-    state: HomingState,
+    /// The state, for saving it.
+    pub state: HomingState,
 }
 
 impl SimulatedHoming {
@@ -234,11 +235,6 @@ impl SimulatedHoming {
         u64::from(shows)
             .checked_shl(switch.digital)
             .unwrap_or_default()
-    }
-
-    /// The state, for saving it.
-    pub fn state(&self) -> &HomingState {
-        &self.state
     }
 
     /// Goes on from a saved state; a drive that was homing has stopped.

@@ -29,8 +29,10 @@ impl Default for InputsState {
 pub struct SimulatedInputs {
     script: Vec<PlantInput>,
     scan_s: f64,
-    state: InputsState,
-    shown: InputFeedback,
+    /// The state, for saving it.
+    pub state: InputsState,
+    /// What they show.
+    pub shown: InputFeedback,
 }
 
 impl SimulatedInputs {
@@ -85,21 +87,6 @@ impl SimulatedInputs {
         };
         state.scans.saturating_sub(since) as f64 * self.scan_s >= line.at_s
     }
-
-    /// What they show.
-    pub fn feedback(&self) -> InputFeedback {
-        self.shown
-    }
-
-    /// The state, for saving it.
-    pub fn state(&self) -> &InputsState {
-        &self.state
-    }
-
-    /// Goes on from a saved state.
-    pub fn restore(&mut self, state: &InputsState) {
-        self.state = *state;
-    }
 }
 
 #[cfg(test)]
@@ -134,17 +121,17 @@ mod tests {
         for scan in 1..100u32 {
             // The output is on from scan 30 to 59.
             inputs.scan(if (30..60).contains(&scan) { 1 << 7 } else { 0 });
-            let digital = inputs.feedback().digital;
+            let digital = inputs.shown.digital;
             if digital != before {
                 changes.push((scan, digital));
             }
             before = digital;
             let analog = if scan < 2 { 0.0 } else { -2.5 };
-            assert_eq!(inputs.feedback().analog[2], analog);
+            assert_eq!(inputs.shown.analog[2], analog);
             if scan == 32 {
                 // A process that takes over goes on from the saved state.
                 let mut other = SimulatedInputs::new(inputs.script.clone(), 1e-3);
-                other.restore(inputs.state());
+                other.state = inputs.state;
                 inputs = other;
             }
         }

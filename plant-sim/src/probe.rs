@@ -82,7 +82,8 @@ pub struct SimulatedProbe {
     settings: PlantProbe,
     /// Index of the axes X, Y and Z.
     slides: [Option<usize>; 3],
-    state: ProbeState,
+    /// The state, for saving it; who goes on from a saved one says where by [`stand`](SimulatedProbe::stand).
+    pub state: ProbeState,
     /// Centre of the ball at the end of the scan before.
     centre_mm: Point,
     /// Shares of the last scan at which contact was made and lost, each first.
@@ -203,16 +204,6 @@ impl SimulatedProbe {
         shown.contact = self.state.contact == 1;
         shown.made_at = self.made_at;
         shown.lost_at = self.lost_at;
-    }
-
-    /// The state, for saving it.
-    pub fn state(&self) -> ProbeState {
-        self.state
-    }
-
-    /// Goes on from a saved state; [`stand`](SimulatedProbe::stand) says where.
-    pub fn restore(&mut self, state: &ProbeState) {
-        self.state = *state;
     }
 }
 

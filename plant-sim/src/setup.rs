@@ -83,11 +83,12 @@ impl PlantFile {
         self.judge_homing(machine)?;
         drives.bridges = self.bridges(machine)?;
         drives.cross_talk = self.cross_talk(machine);
+        drives.auxiliaries = auxiliary;
         let drives = drives.with_homing(|index, simulation| {
             let axis = self.axis(&machine.axes.get(index)?.name)?;
             Some(SimulatedHoming::new(axis, simulation, scan_s))
         });
-        Ok(drives.with(auxiliary).with_inputs(probe, inputs))
+        Ok(drives.with_inputs(probe, inputs))
     }
 
     /// Each axis has what it is homed by, and is homed if it has to be.

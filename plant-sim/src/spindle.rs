@@ -47,6 +47,7 @@ impl SpindleState {
     }
 
     /// Angle within a turn, in degrees from 0 to 360.
+    #[cfg(test)]
     pub fn deg(&self) -> f64 {
         360.0 * (self.turns - libm::floor(self.turns))
     }

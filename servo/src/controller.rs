@@ -33,7 +33,8 @@ pub struct Servo {
     role: u32,
     incarnation: u32,
     windows: Windows,
-    state: ServoState,
+    /// The state after the last scan; another controller of the axis can go on from it, before the next scan.
+    pub state: ServoState,
     learned: Option<Box<LearnedTable>>,
     path: Option<Arc<PathCorrection>>,
 }
@@ -101,11 +102,6 @@ impl Servo {
         [&self.windows.held.header, &self.windows.pending.header]
     }
 
-    /// Its settings.
-    pub fn settings(&self) -> &ServoSettings {
-        &self.settings
-    }
-
     /// Goes by what was learned in runs before this one; before its first scan.
     pub fn load_trained(&mut self, learned: LearnedTable) {
         self.learned = Some(Box::new(learned));
@@ -114,16 +110,6 @@ impl Servo {
     /// Goes by what runs of one program have learned along its path; before its first scan.
     pub fn load_path(&mut self, path: Arc<PathCorrection>) {
         self.path = Some(path);
-    }
-
-    /// The state after the last scan.
-    pub fn state(&self) -> &ServoState {
-        &self.state
-    }
-
-    /// Goes on from the state another controller of the axis left, before the next scan.
-    pub fn adopt(&mut self, state: &ServoState) {
-        self.state = *state;
     }
 
     /// The axis's other servo has commanded: if its command is the one that acts in this scan, goes on from the state it left.

@@ -44,13 +44,13 @@ fn a_standby_that_is_given_the_state_goes_on_to_the_bit_from_any_scan() {
         let scans = (1.3 * revolution_s / machine.scan_period_s()) as u64;
         let (mut states, mut pulsing) = (0, 0);
         for _ in 0..scans {
-            let before = *rig.servos[1].state();
+            let before = rig.servos[1].state;
             let mut command = AxisCommand::zeroed();
             rig.step(|feedback, offered| {
                 if let Some((header, setpoints)) = offered {
                     standby.offer(header, setpoints, feedback).expect("good");
                 }
-                standby.adopt(&before);
+                standby.state = before;
                 command = standby.scan(feedback);
             });
             assert!(
@@ -83,7 +83,7 @@ fn a_standby_that_came_late_takes_the_window_in_force_and_goes_on_to_the_bit() {
     let mut rig = Rig::new(machine.clone());
     let mut late = servo(&machine, 0);
     for _ in 0..1200 {
-        let before = *rig.servos[0].state();
+        let before = rig.servos[0].state;
         let joined = rig.scan >= 304;
         let last = rig.last_window.clone();
         let mut command = AxisCommand::zeroed();
@@ -95,7 +95,7 @@ fn a_standby_that_came_late_takes_the_window_in_force_and_goes_on_to_the_bit() {
             if let Some((header, setpoints)) = offered.as_ref().filter(|_| joined) {
                 let _ = late.offer(header, setpoints, feedback);
             }
-            late.adopt(&before);
+            late.state = before;
             command = late.scan(feedback);
         });
         if joined {

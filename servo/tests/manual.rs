@@ -166,7 +166,7 @@ fn another_servo_goes_on_from_its_state_to_the_bit() {
         let mut done = 0;
         for scan in 0..2_000 {
             let mut other = servo(&axis.rig.machine, 0);
-            other.adopt(axis.servo.state());
+            other.state = axis.servo.state;
             let expected = other.scan(&axis.feedback());
             assert_eq!(axis.scan(), expected, "scan {scan}");
             seen[ServoState::of(&axis.command).manual.changeover.phase as usize] += 1;

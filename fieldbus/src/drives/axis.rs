@@ -95,7 +95,8 @@ pub(super) struct DriveAxis {
     scan_s: f64,
     quick_stop_mm_s2: f64,
     walk: StateWalk,
-    homing: DriveHoming,
+    /// What it knows of its place.
+    pub homing: DriveHoming,
     /// Increments counted over the ends of 32 bits.
     pub counted: i64,
     /// It has been seen once: `counted` is its own.
@@ -143,11 +144,6 @@ impl DriveAxis {
             },
             digital_inputs: 0,
         })
-    }
-
-    /// Whether it knows its place.
-    pub fn is_referenced(&self) -> bool {
-        self.homing.is_referenced()
     }
 
     /// Goes on from a count that was saved, the drive's own 32 bits are the nearest to it; and from its reference.

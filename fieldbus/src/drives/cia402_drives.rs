@@ -319,7 +319,7 @@ impl<W: Wire> Drives for Cia402Drives<W> {
     fn save(&self, bytes: &mut [u8]) {
         let slots = bytes.as_chunks_mut::<SAVED_BYTES>().0;
         for (slot, axis) in slots.iter_mut().zip(&self.axes) {
-            let referenced = u64::from(axis.drive.is_referenced());
+            let referenced = u64::from(axis.drive.homing.is_referenced());
             let words = [axis.drive.counted as u64, referenced];
             slot.copy_from_slice(bytemuck::bytes_of(&words));
         }

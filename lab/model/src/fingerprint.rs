@@ -239,7 +239,7 @@ impl Cell {
                 // One that it has only the rest of is another.
                 (header.predecessor.is_none(), header.setpoint_count).hash(hash);
             }
-            let mut state = *servo.servo.state();
+            let mut state = servo.servo.state;
             state.scan = back(now, state.scan);
             hash.write(bytes_of(&state));
             for window in &servo.windows {

@@ -113,25 +113,17 @@ pub(super) fn make_channels(
     } = Codec::of_level(extent, level);
     let columns = |row: Layout| Form::Columns(Columns::of(row));
     let topic = |name: &str| name.to_string();
+    let instruments = columns(instruments);
+    let window = Form::Messages(window_layout(extent));
+    let event = Layout::text("Event", "uint64 scan\nstring process\nstring text\n");
+    let event = Form::Messages(event);
     let mut plan = vec![
         (topic("/feedback"), columns(feedback), LogLevel::Axes),
-        (
-            topic("/instruments"),
-            columns(instruments),
-            LogLevel::Control,
-        ),
+        (topic("/instruments"), instruments, LogLevel::Control),
         (topic("/planner"), columns(planner), LogLevel::Control),
         (topic("/roster"), Form::Messages(roster), LogLevel::Events),
-        (
-            topic("/window"),
-            Form::Messages(window_layout(extent)),
-            LogLevel::Control,
-        ),
-        (
-            topic("/event"),
-            Form::Messages(event_layout()),
-            LogLevel::Events,
-        ),
+        (topic("/window"), window, LogLevel::Control),
+        (topic("/event"), event, LogLevel::Events),
     ];
     for axis in &extent.axes {
         let rows = columns(Layout::of::<AxisRow>(extent));
@@ -180,8 +172,4 @@ fn window_layout(extent: &Extent) -> Layout {
     layout.schema_name = "quadrant/msg/Window".into();
     layout.schema = join_definitions(&definitions);
     layout
-}
-
-fn event_layout() -> Layout {
-    Layout::text("Event", "uint64 scan\nstring process\nstring text\n")
 }

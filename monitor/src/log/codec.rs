@@ -6,7 +6,7 @@ use bus::sample::{
     AxisCommand, BusCycle, Feedback, Instruments, MAX_WINDOW_SETPOINTS, PlannerStatus, Roster,
     Setpoint, WindowHeader,
 };
-use bytemuck::{Pod, Zeroable};
+use bytemuck::{CheckedBitPattern, Pod, Zeroable};
 use machine::LogLevel;
 
 use super::layout::{Extent, Layout, Wire};
@@ -27,7 +27,7 @@ const WHOLE_ONLY: [&str; 6] = [
 ];
 
 /// What a message carries.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, CheckedBitPattern)]
 #[repr(u8)]
 pub enum Content {
     /// What the master published.
@@ -75,21 +75,6 @@ impl Content {
             SampleRef::Roster(_) => Content::Roster,
             SampleRef::Event(_) => Content::Event,
         }
-    }
-
-    pub(crate) fn from_byte(byte: u8) -> Option<Content> {
-        use Content::{BusCycle, Command, Event, Feedback, Instruments, Planner, Roster, Window};
-        let all = [
-            Feedback,
-            Instruments,
-            Command,
-            Window,
-            Planner,
-            Roster,
-            Event,
-            BusCycle,
-        ];
-        all.into_iter().find(|content| *content as u8 == byte)
     }
 }
 

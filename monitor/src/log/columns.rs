@@ -78,7 +78,9 @@ impl Columns {
                 .filter_map(|row| row.get_mut(at..at + bytes));
             let length = taken.value(4)? as usize;
             let step = match length {
-                2 if count != 2 && number.is_whole() => Some(taken.column_of_steps(bytes)?),
+                2 if count != 2 && number.is_whole() => {
+                    Some((taken.value(bytes)?, taken.value(bytes)?))
+                }
                 1 => Some((taken.value(bytes)?, 0)),
                 _ if length == count => None,
                 _ => return None,
@@ -169,10 +171,6 @@ impl Taken<'_> {
         let at = self.at.next_multiple_of(bytes);
         self.at = at.checked_add(bytes)?;
         value(self.body.get(at..self.at)?)
-    }
-
-    fn column_of_steps(&mut self, bytes: usize) -> Option<(u64, u64)> {
-        Some((self.value(bytes)?, self.value(bytes)?))
     }
 }
 

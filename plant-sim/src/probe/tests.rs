@@ -123,7 +123,7 @@ fn the_instant_of_contact_is_that_of_the_ball_on_the_surface() {
     for (time, expected) in times.iter().zip(expected) {
         assert!((time - expected).abs() < 1e-6, "{time}, not {expected}");
     }
-    assert_eq!(sim.state().contacts, 1);
+    assert_eq!(sim.state.contacts, 1);
 }
 
 #[test]
@@ -138,7 +138,7 @@ fn a_stylus_that_is_pushed_too_far_breaks_and_shows_contact_for_good() {
     };
     let (sim, times) = down_and_up(settings, 0.03, 400);
     assert_eq!(times.len(), 1);
-    assert_eq!((sim.state().broken, sim.state().contact), (1, 1));
+    assert_eq!((sim.state.broken, sim.state.contact), (1, 1));
 }
 
 #[test]
