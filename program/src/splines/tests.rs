@@ -316,9 +316,8 @@ fn a_curve_that_no_arc_can_follow_is_refused_in_bounded_time() {
             Flat::new(0.0, 0.0),
             Flat::new(1e300, 1.0),
             Flat::new(2.0, 2.0)
-        ))
-        .len(),
-        "a control point at  mm, 1 mm".len() + 301
+        )),
+        "a control point at 1e300 mm, 1 mm"
     );
     let zigzag: Vec<(f64, f64, f64)> = (0..POINTS_MAX)
         .map(|index| match index % 3 {
