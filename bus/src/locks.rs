@@ -48,7 +48,7 @@ fn lock(file: &File, command: libc::c_int, kind: libc::c_int) -> io::Result<libc
     }
 }
 
-/// Notes that a file is being written, for as long as it is open. Whoever may only read it cannot: with flock(2) anybody could.
+/// Notes that a file is being written, for as long as it is open. A process that may only read it cannot note that, as it could with flock(2).
 ///
 /// # Errors
 /// Somebody else has, or the file system has no locks.

@@ -61,7 +61,7 @@ impl Ended {
         }
     }
 
-    /// Notes it in the run directory, unless somebody has: whoever does has it from the same feedback.
+    /// Notes it in the run directory, unless it stands there: recorder and launcher have it from the same feedback.
     ///
     /// # Errors
     /// It cannot be written.

@@ -39,7 +39,7 @@ impl Folder {
                 lock.lock()?;
                 Ok(lock)
             });
-            // Whoever removes what is left may have come before the lock.
+            // Another one that removes what is left may have come before the lock.
             if folder.path().exists() {
                 break Folder {
                     folder,
@@ -204,7 +204,7 @@ mod tests {
         assert_eq!(mode & 0o777, 0o700);
         let second = make();
         assert_eq!(count(), 2, "it is somebody's");
-        // Whoever is killed lets go of the lock alone.
+        // A killed process lets go of the lock alone.
         std::mem::forget(second.folder);
         drop(second._lock);
         fs::write(within.path().join("quadrant-tune-notes"), "").expect("a file of others");
