@@ -21,7 +21,7 @@ struct Short {
 }
 
 /// In the order in which they are run: first those that time hand-overs and wake-ups.
-const BENCHES: [Short; 11] = [
+const BENCHES: [Short; 12] = [
     Short {
         name: "ipc",
         words: &["--scans", "5000", "--rounds", "2"],
@@ -60,6 +60,11 @@ const BENCHES: [Short; 11] = [
     },
     Short {
         name: "faults",
+        words: &["--seeds", "500"],
+        shortest: &["--seeds", "2"],
+    },
+    Short {
+        name: "procedures",
         words: &["--seeds", "500"],
         shortest: &["--seeds", "2"],
     },

@@ -113,7 +113,7 @@ struct Known {
 const RUN: &[&str] = &["quadrant run", "quadrant servo"];
 /// All of them. Those without words have tests of their own below; a cell of the one of the fieldbus needs drives on a bus:
 /// tests/ethercat/observed.rs.
-const BENCHES: [Known; 13] = [
+const BENCHES: [Known; 14] = [
     Known {
         name: "all",
         short: None,
@@ -160,6 +160,12 @@ const BENCHES: [Known; 13] = [
         name: "plants",
         short: None,
         long: &["--random", "1000"],
+        roles: &[],
+    },
+    Known {
+        name: "procedures",
+        short: Some("cells of the table"),
+        long: &["--seeds", "1000000"],
         roles: &[],
     },
     Known {
@@ -455,11 +461,12 @@ fn end_well_and_give_figures(names: &[&str]) {
     assert!(json["place"]["cores"].as_u64() > Some(0), "{json}");
 }
 
-const OF_COMPUTING: [&str; 6] = [
+const OF_COMPUTING: [&str; 7] = [
     "faults",
     "fieldbus",
     "ipc",
     "planning",
+    "procedures",
     "scan",
     "simulation",
 ];
