@@ -320,6 +320,10 @@ fn files_that_are_there_already_are_opened_in_one_place() {
             "a folder, to be written to the disk",
         ),
         (
+            "remote/src/orders/identity.rs",
+            "knows nothing of a cell; does not wait, and looks at what it opened",
+        ),
+        (
             "view/src/scope.rs",
             "a table goes where one wants it, also into a pipe",
         ),

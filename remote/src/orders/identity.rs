@@ -1,12 +1,12 @@
 //! Certificates of one side, as they are on disk.
 
 use std::fmt;
+use std::fs::OpenOptions;
 use std::io::Read;
-use std::os::unix::fs::MetadataExt;
+use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
 use std::path::Path;
 
 use base64::prelude::{BASE64_STANDARD, Engine};
-use bus::files::open_to_read;
 use rustls::pki_types::pem::PemObject;
 use rustls::pki_types::{CertificateDer, PrivateKeyDer};
 use zenoh::Config;
@@ -108,10 +108,13 @@ fn text(path: &Path, secret: bool) -> Result<String, OrdersError> {
         path: path.into(),
         what,
     };
-    let file = open_to_read(path).map_err(|error| wrong(error.to_string()))?;
+    // A FIFO is not waited for.
+    let flags = rustix::fs::OFlags::NONBLOCK.bits().cast_signed();
+    let opened = OpenOptions::new().read(true).custom_flags(flags).open(path);
+    let file = opened.map_err(|error| wrong(error.to_string()))?;
     let found = file.metadata().map_err(|error| wrong(error.to_string()))?;
-    if found.len() > FILE_BYTES_MAX {
-        return Err(wrong("is a large file".into()));
+    if !found.is_file() || found.len() > FILE_BYTES_MAX {
+        return Err(wrong("is no file, or a large one".into()));
     }
     if secret && found.mode() & 0o077 != 0 {
         return Err(wrong("others may read it: chmod 600".into()));
