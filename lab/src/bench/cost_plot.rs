@@ -80,7 +80,7 @@ impl Panel {
             titles: ("axes", ""),
             labels: (None, 6),
             label_pixels: 12,
-            x_label: None,
+            x_label: Some(&|axes| format!("{axes:.0}")),
             y_label: &|value| format!("{value}"),
         };
         let mut chart = plot::chart(area, frame)?;
