@@ -1,4 +1,4 @@
-//! Locks that somebody holds: who does is named, what is said of it is true, and whoever may only read keeps nothing from its owner.
+//! Locks: the holder is named, what is said of it is true, and a user who may only read keeps nothing from the owner.
 
 use std::fs::{self, File};
 use std::path::Path;
@@ -83,7 +83,7 @@ fn a_program_whose_offsets_cannot_be_kept_keeps_no_parameter_either_and_says_who
 }
 
 #[test]
-fn whoever_has_a_cell_is_named_with_its_program() {
+fn the_holder_of_a_cell_is_named_with_its_program() {
     let bench = Bench::patient("xy", &[]);
     let program = bench.file("long.ngc", &long_program());
     let mut cell = LiveCell::start(bench.path(), &program, "realtime");

@@ -1,4 +1,4 @@
-//! Whoever types a block, sets an offset or a tool, touches off or tunes is killed at every stage: no place, lock or file stays behind, and
+//! Clients that type a block, set an offset or a tool, touch off or tune are killed at every stage: no place, lock or file stays behind, and
 //! the same command works at once.
 //!
 //! `WRITERS=200 cargo test --release --test cell -- killed_writers --nocapture` for so many of each; so in full.
@@ -98,7 +98,7 @@ impl Ready {
 
     /// Nothing is left of any client: places, room in shared memory, files. Nothing waits for one that is dead.
     fn nothing_is_left(&mut self) {
-        // A typed-in block ends without whoever has typed it.
+        // A typed-in block ends without the client that has typed it.
         self.cell.wait_for(|now| {
             let states = [ProgramState::Running, ProgramState::Loading];
             now.mode == Mode::Ready as u32 && !states.map(|of| of as u32).contains(&now.program)
@@ -131,9 +131,9 @@ impl Ready {
     }
 }
 
-/// So many of each kind, each at another moment from its start to its end.
+/// Several clients of each kind, each at another moment from its start to its end.
 #[test]
-fn whoever_writes_is_killed_at_every_stage_and_the_next_one_writes_at_once() {
+fn a_client_that_writes_is_killed_at_every_stage_and_the_next_one_writes_at_once() {
     let mut ready = Ready::new(&[]);
     ready.enable();
     let words = |words: &str, value: u64| -> Vec<String> {
@@ -263,7 +263,7 @@ fn tune(machine: &Path, temporary: &Path) -> Command {
 
 /// Its folder, its cell and the processes of that: before, while and between test motions.
 #[test]
-fn whoever_tunes_is_killed_at_every_stage_and_nothing_runs_on_or_stays() {
+fn a_tune_is_killed_at_every_stage_and_nothing_runs_on_or_stays() {
     let bench = Bench::of("xy", &[]);
     let temporary = tempfile::tempdir().expect("a folder");
     let files = names_in(bench.path());

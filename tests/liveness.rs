@@ -293,9 +293,9 @@ fn a_recorder_killed_in_the_last_moments_holds_up_nothing_and_the_report_says_wh
     assert_eq!((first, to), (reached + 1.0, last), "{}", run.stderr());
 }
 
-/// Stops each process that this one starts before it has done anything; whoever looks for it could come too late. None where nobody may
+/// Stops each process that this one starts before it has done anything; a test that looks for it could come too late. None where nobody may
 /// trace.
-fn stop_whoever_is_born(launcher: u32) -> Option<std::process::Child> {
+fn stop_each_that_is_born(launcher: u32) -> Option<std::process::Child> {
     let mut trace = std::process::Command::new(tool("strace")?);
     trace.args(["-qq", "-f", "-o", "/dev/null", "-e", "trace=execve"]);
     trace.args(["-e", "inject=execve:signal=STOP"]);
@@ -326,7 +326,7 @@ fn is_stopped(pid: i32) -> bool {
 fn a_recorder_that_comes_too_late_for_the_last_feedback_is_not_waited_for() {
     let bench = Bench::patient("xy", &[REPLACED]);
     let mut cell = held_cell(&bench, "realtime");
-    let Some(mut tracer) = stop_whoever_is_born(cell.child.id()) else {
+    let Some(mut tracer) = stop_each_that_is_born(cell.child.id()) else {
         return;
     };
     send(cell.pid_of("quadrant recorder"), libc::SIGKILL);

@@ -20,12 +20,12 @@ use crate::support::{
 use crate::tools::tool;
 use crate::up::{ask, down, obeyed, up_on};
 
-/// Whoever is lost is replaced, and waited for.
+/// A lost process is replaced, and waited for.
 const REPLACED: (&str, &str) = (
     "[scan]\n",
     "[restart]\nservo = \"wait\"\nmaster = \"wait\"\nrestarts_max = 1000\n\n[scan]\n",
 );
-/// So long the PC stands still, or gives the cell no time.
+/// Time for which the PC stands still, or gives the cell no time.
 const STILL: Duration = Duration::from_secs(3);
 
 /// A cell that stays up, with a program that moves.
@@ -297,7 +297,7 @@ const VICTIMS: [&str; 4] = [
     MASTER,
 ];
 
-/// Another program makes it need memory. Whoever finds none ends and is replaced; the machine goes on, or says what it has lost.
+/// Another program makes it need memory. A process that finds none ends and is replaced; the machine goes on, or says what it has lost.
 #[test]
 fn a_process_that_gets_no_memory_any_more_ends_alone_and_is_replaced() {
     let mut moving = Moving::new();
@@ -349,7 +349,7 @@ fn a_master_that_gets_no_memory_any_more_moves_on_the_path_and_stops_when_it_is_
     moving.end();
 }
 
-/// The kernel kills whoever wants a page more than its group may have.
+/// The kernel kills a process that wants a page more than its group may have.
 #[test]
 fn a_process_that_the_kernel_kills_for_its_memory_is_replaced_and_named() {
     for victim in VICTIMS {

@@ -507,7 +507,7 @@ fn an_urgent_order_comes_through_however_many_connections_are_silent_and_orders_
 
 /// Twelve without the token look and do not leave, and others connect again and again, as fast as they can.
 #[test]
-fn whoever_has_the_token_looks_and_orders_however_many_others_look_and_connect() {
+fn a_browser_with_the_token_looks_and_orders_however_many_others_look_and_connect() {
     const HOSTILE: usize = 1000;
     let (_bench, cell, _, _) = up("realtime");
     obeyed(&cell, &["enable"]);

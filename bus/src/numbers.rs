@@ -3,7 +3,7 @@
 /// Digits that stand side by side at most: what is longer is no measure of anything, and no name either.
 const DIGITS_MAX: usize = 40;
 
-/// A text whose numbers are short: those of more than 40 digits are written with a power of ten.
+/// A text whose numbers are short: one of more than 40 digits is written with a power of ten.
 pub fn short_numbers(text: String) -> String {
     let is_part = |c: char| c.is_ascii_digit() || c == '.';
     if text.len() <= DIGITS_MAX || !text.split(|c| !is_part(c)).any(is_long) {

@@ -216,18 +216,9 @@ pub struct PlantsOptions {
     pub jobs: u64,
 }
 
-/// What `quadrant-lab bench procedures` takes.
+/// Which seeds of a campaign are run, and where it stands what became of them.
 #[derive(Debug, Clone, Args)]
-#[command(
-    after_help = "As many seeds as the table of procedures, steps and interruptions has cells take each cell once. Each seed draws\nbesides what comes later, while the machine is brought on again. Exit status 1: a seed violates a rule; the\ncommand that repeats it is printed."
-)]
-pub struct ProceduresOptions {
-    /// Folder of a mill, with machine.toml and plant.toml and axes X, Y and Z; the other machines are made
-    #[arg(default_value = "machines/xyz-mill")]
-    pub machine: PathBuf,
-    /// How many seeds [default: as many as the table has cells]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
-    pub seeds: Option<u64>,
+pub struct SeedOptions {
     /// The first seed
     #[arg(long, value_name = "SEED", default_value_t = 1)]
     pub from: u64,
@@ -240,6 +231,23 @@ pub struct ProceduresOptions {
     /// Runs at the same time
     #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u64).range(1..=64))]
     pub jobs: u64,
+}
+
+/// What `quadrant-lab bench procedures` takes.
+#[derive(Debug, Clone, Args)]
+#[command(
+    after_help = "As many seeds as the table of procedures, steps and interruptions has cells take each cell once. Each seed draws\nbesides what comes later, while the machine is brought on again. Exit status 1: a seed violates a rule; the\ncommand that repeats it is printed."
+)]
+pub struct ProceduresOptions {
+    /// Folder of a mill, with machine.toml and plant.toml and axes X, Y and Z; the other machines are made
+    #[arg(default_value = "machines/xyz-mill")]
+    pub machine: PathBuf,
+    /// How many seeds [default: as many as the table has cells]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    pub seeds: Option<u64>,
+    /// Which of them
+    #[command(flatten)]
+    pub of: SeedOptions,
     /// Print what each seed stands for, what was ordered, and what became of it
     #[arg(short, long)]
     pub verbose: bool,
@@ -305,21 +313,12 @@ pub struct FaultsOptions {
     /// How many seeds
     #[arg(long, value_name = "N", default_value_t = 1000, value_parser = clap::value_parser!(u64).range(1..))]
     pub seeds: u64,
-    /// The first seed
-    #[arg(long, value_name = "SEED", default_value_t = 1)]
-    pub from: u64,
-    /// Part I of N of them: every Nth
-    #[arg(long, value_name = "I/N", default_value = "1/1")]
-    pub part: PartOf,
-    /// File for a line of JSON for each of them, as `bench merge` reads them
-    #[arg(long, value_name = "FILE")]
-    pub lines: Option<PathBuf>,
+    /// Which of them
+    #[command(flatten)]
+    pub of: SeedOptions,
     /// Part program, in place of the built-in short ones
     #[arg(long, value_name = "FILE")]
     pub program: Option<PathBuf>,
-    /// Runs at the same time
-    #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u64).range(1..=64))]
-    pub jobs: u64,
     /// Print the script of every seed, as files for `quadrant run --faults` and `--orders`, and what became of it
     #[arg(short, long)]
     pub verbose: bool,

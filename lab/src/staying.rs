@@ -234,7 +234,7 @@ impl Cell {
         answers
     }
 
-    /// So many scans.
+    /// Goes on for a number of scans.
     pub fn scans(&mut self, count: u64) {
         for _ in 0..count {
             self.scan();

@@ -4,7 +4,7 @@
 use std::path::PathBuf;
 
 use bus::sample::{Cause, Mode, Order, Refused};
-use lab::options::ProceduresOptions;
+use lab::options::{ProceduresOptions, SeedOptions};
 use lab::staying::Cell;
 
 use crate::common::stock;
@@ -17,10 +17,12 @@ fn whatever_comes_in_whatever_step_of_a_procedure_the_machine_can_be_moved_as_it
         machine: PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../machines/xyz-mill"),
         // In full as many as there are cells.
         seeds: (seeds > 0).then_some(seeds),
-        from: size::number("FROM", 1, 1),
-        part: lab::bench::PartOf::WHOLE,
-        lines: None,
-        jobs: 2,
+        of: SeedOptions {
+            from: size::number("FROM", 1, 1),
+            part: lab::bench::PartOf::WHOLE,
+            lines: None,
+            jobs: 2,
+        },
         verbose: std::env::var_os("VERBOSE").is_some(),
     };
     let outcome = lab::bench::procedures(&options);

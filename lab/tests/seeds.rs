@@ -3,7 +3,7 @@
 
 use std::path::PathBuf;
 
-use lab::options::FaultsOptions;
+use lab::options::{FaultsOptions, SeedOptions};
 
 use crate::size;
 
@@ -12,11 +12,13 @@ fn no_seed_violates_an_invariant_or_hangs() {
     let options = FaultsOptions {
         machine: PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../machines/xy"),
         seeds: size::number("SEEDS", 20, 60),
-        from: size::number("FROM", 1, 1),
-        part: lab::bench::PartOf::WHOLE,
-        lines: None,
+        of: SeedOptions {
+            from: size::number("FROM", 1, 1),
+            part: lab::bench::PartOf::WHOLE,
+            lines: None,
+            jobs: 2,
+        },
         program: None,
-        jobs: 2,
         verbose: std::env::var_os("VERBOSE").is_some(),
     };
     let outcome = lab::bench::faults(&options);

@@ -56,8 +56,6 @@ pub struct Session {
     printed: Option<(u32, u32, u32)>,
     /// A run that is over, and the scan whose samples its log must have.
     over: Option<(u32, u64)>,
-    /// Runs of which it is noted how they ended.
-    noted: u32,
     /// How those ended that have no report yet.
     ended: Vec<Ended>,
     /// One at a time.
@@ -97,7 +95,6 @@ impl Session {
             printed: None,
             over: None,
             report: None,
-            noted: 0,
             ended: Vec::new(),
             hurries: false,
         }
@@ -122,9 +119,10 @@ impl Session {
             return;
         }
         self.say_state(feedback, events);
-        let ended = Ended::told(machine, feedback, feedback.ended.run);
-        let ended = ended.filter(|ended| ended.is_whole() && ended.run <= feedback.run);
-        self.take_end(ended);
+        if feedback.ended.run <= feedback.run && !self.knows_end_of(feedback.ended.run) {
+            let ended = Ended::told(machine, feedback, feedback.ended.run);
+            self.take_end(ended.filter(Ended::is_whole));
+        }
         self.prune(feedback, recorded_scans);
         while self.started < feedback.run {
             self.started += 1;
@@ -150,27 +148,27 @@ impl Session {
 
     /// How a run ended, as the master says it.
     pub fn take_end(&mut self, ended: Option<Ended>) {
-        let newest = self.ended.last().map_or(self.noted, |newest| newest.run);
-        self.ended.extend(ended.filter(|ended| ended.run > newest));
+        let is_new = |ended: &Ended| !self.knows_end_of(ended.run);
+        let new = ended.filter(is_new);
+        self.ended.extend(new);
     }
 
-    /// How runs up to this one ended is noted among the events and in their folders. Of two that end between two looks the recorder alone
-    /// has seen the first one.
-    pub fn note_ends(&mut self, up_to: u32, events: &mut Events) {
-        while self.noted < up_to {
-            self.noted += 1;
-            let run = self.noted;
-            let folder = self.folder_of(run);
-            let seen = self.ended.extract_if(.., |ended| ended.run <= run);
-            let seen = seen.filter(|ended| ended.run == run).last();
-            if let (Some(ended), Some(folder)) = (&seen, &folder)
-                && let Err(error) = ended.note(folder)
-            {
-                tracing::warn!("{}: {error}", folder.display());
-            }
-            let Some(ended) = seen.or_else(|| Ended::read(folder.as_deref()?)) else {
-                continue;
-            };
+    fn knows_end_of(&self, run: u32) -> bool {
+        let newest = self.ended.last().map_or(self.reported, |newest| newest.run);
+        run <= newest
+    }
+
+    /// How a run ended is noted among the events and in its folder. Of two that end between two looks the recorder alone has seen the
+    /// first one.
+    fn note_end(&mut self, run: u32, folder: Option<&Path>, events: &mut Events) {
+        let seen = self.ended.extract_if(.., |ended| ended.run <= run);
+        let seen = seen.filter(|ended| ended.run == run).last();
+        if let (Some(ended), Some(folder)) = (&seen, folder)
+            && let Err(error) = ended.note(folder)
+        {
+            tracing::warn!("{}: {error}", folder.display());
+        }
+        if let Some(ended) = seen.or_else(|| Ended::read(folder?)) {
             let text = match ended.text.as_str() {
                 "" => format!("run {run}"),
                 why => format!("run {run}: {why}"),
@@ -179,6 +177,16 @@ impl Session {
                 outcome: Some(ended.outcome.word()),
                 ..Event::of_cell(ended.scan, "run ended", Some(text))
             });
+        }
+    }
+
+    /// The cell has ended out of order: no report is made.
+    pub fn give_up(&mut self, last: &Feedback, events: &mut Events) {
+        self.end_all(last);
+        while self.reported < self.logged {
+            self.reported += 1;
+            let folder = self.folder_of(self.reported);
+            self.note_end(self.reported, folder.as_deref(), events);
         }
     }
 
@@ -269,7 +277,7 @@ impl Session {
         while self.report.is_none() && self.reported < self.logged {
             self.reported += 1;
             let (run, folder) = (self.reported, self.folder_of(self.reported));
-            self.note_ends(run, events);
+            self.note_end(run, folder.as_deref(), events);
             match folder {
                 Some(folder) if self.reports => self.make_report(run, folder),
                 Some(folder) => self.retention.over(folder),

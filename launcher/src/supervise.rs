@@ -523,7 +523,7 @@ impl<'a> Supervision<'a> {
             session.take_end(ended.clone());
             match in_order {
                 true => session.finish(last, self.signals, self.events),
-                false => session.note_ends(last.run, self.events),
+                false => session.give_up(last, self.events),
             }
         }
         let mut stop = String::new();

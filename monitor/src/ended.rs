@@ -108,7 +108,7 @@ fn why(machine: &Machine, outcome: RunOutcome, ended: &EndedRun) -> String {
 /// Serialises the word for an outcome.
 ///
 /// # Errors
-/// That of the serialiser.
+/// The serialiser cannot write it.
 pub fn as_word<S: Serializer>(outcome: &RunOutcome, to: S) -> Result<S::Ok, S::Error> {
     to.serialize_str(outcome.word())
 }

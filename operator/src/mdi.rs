@@ -1,5 +1,6 @@
 //! `mdi`: typed-in blocks run as a small program of their own; the cell has the program from before again after it.
 
+use std::borrow::Cow;
 use std::fs;
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -138,24 +139,20 @@ impl Block {
             if now.run >= self.run && now.load >= self.load {
                 return Ok(());
             }
-            let refuses;
             let why = if !self.is_latest(&now) {
-                "another program was loaded meanwhile"
+                Cow::Borrowed("another program was loaded meanwhile")
             } else if !self.is_over(&now) && asked.elapsed() <= READ_LIMIT {
                 std::thread::sleep(LOOK);
                 continue;
             } else if now.cause == Cause::Planner as u32 {
-                refuses = format!(
-                    "the planner refuses the blocks: {}",
-                    eyes.planners_reason(&now)
-                );
-                refuses.as_str()
+                let reason = eyes.planners_reason(&now);
+                format!("the planner refuses the blocks: {reason}").into()
             } else if self.is_over(&now) {
-                "the blocks were not begun: the machine was no longer ready for them"
+                "the blocks were not begun: the machine was no longer ready for them".into()
             } else {
-                "the planner has not read the blocks; it is still at it"
+                "the planner has not read the blocks; it is still at it".into()
             };
-            return Err(Failure::Stopped(anyhow!(why.to_owned())));
+            return Err(Failure::Stopped(anyhow!("{why}")));
         }
     }
 

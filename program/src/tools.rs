@@ -10,7 +10,7 @@ use crate::program::{EventKind, Setup};
 use crate::reader::Word;
 use crate::refusal::{Refusal, refuse};
 
-/// What numbers tools can have: those of the tool table.
+/// What numbers tools can have, as in the tool table.
 pub const TOOL: &str = "the number of a tool is a whole number from 0 to 99999";
 
 /// Whether a tool can have this number.

@@ -57,7 +57,7 @@ const GAPS_MAX: usize = 1000;
 /// Everything that was measured.
 #[derive(Debug, Clone)]
 pub struct Measurements {
-    /// How it ended, as its last feedback says it; none where a log ends before, as that of a run in a cell that stays up does.
+    /// How it ended, as its last feedback says it; none where a log ends before. The log of a run in a cell that stays up does.
     pub ended: Option<Ended>,
     /// Scan and mode of the last feedback.
     pub last: Option<(u64, Option<Mode>)>,

@@ -4,6 +4,7 @@
 mod lines;
 mod merge;
 mod part_of;
+mod seeds;
 
 use std::fs;
 use std::hash::{DefaultHasher, Hash as _, Hasher as _};
@@ -16,6 +17,7 @@ use serde::{Deserialize, Serialize};
 pub(crate) use lines::{Line, Lines};
 pub use merge::merge;
 pub use part_of::PartOf;
+pub(crate) use seeds::{each_found, each_seed};
 
 /// What all parts of a campaign have in common; it stands in each line.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -8,12 +8,11 @@ mod tally;
 mod trial;
 
 use std::sync::Mutex;
-use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
 
 use anyhow::{Context, anyhow};
 
-use super::campaign::{Asked, Campaign, Line, Lines};
+use super::campaign::{Asked, Campaign, Line, Lines, each_found, each_seed};
 use super::figures::Figures;
 use crate::options::FaultsOptions;
 use console::exit::{Kind, Outcome};
@@ -56,11 +55,11 @@ pub fn faults(options: &FaultsOptions, figures: &mut Figures) -> Outcome {
         folder: &options.machine,
         program: options.program.as_deref(),
         seed: 0,
-        from: options.from,
+        from: options.of.from,
         count: options.seeds,
     };
     let campaign = Campaign::of(&asked, &stock.machines.alone).input()?;
-    let lines = Lines::create(&campaign, options.lines.as_deref()).environment()?;
+    let lines = Lines::create(&campaign, options.of.lines.as_deref()).environment()?;
     let started = Instant::now();
     let tally = run_all(options, &stock, &lines).environment()?;
     let elapsed_s = started.elapsed().as_secs_f64();
@@ -92,10 +91,7 @@ pub fn faults(options: &FaultsOptions, figures: &mut Figures) -> Outcome {
 /// Every seed of the part.
 fn run_all(options: &FaultsOptions, stock: &Stock, lines: &Lines<'_>) -> anyhow::Result<Tally> {
     let started = Instant::now();
-    let next = AtomicU64::new(0);
-    let part = options.part;
     let tally = Mutex::new(Tally::default());
-    let broken: Mutex<Option<anyhow::Error>> = Mutex::new(None);
     let one = |seed: u64| -> anyhow::Result<()> {
         let (scenario, verdict) = stock.run(seed)?;
         if options.verbose {
@@ -110,27 +106,8 @@ fn run_all(options: &FaultsOptions, stock: &Stock, lines: &Lines<'_>) -> anyhow:
         }
         Ok(())
     };
-    std::thread::scope(|threads| {
-        for _ in 0..options.jobs {
-            threads.spawn(|| {
-                while let Some(place) =
-                    part.place(next.fetch_add(1, Ordering::Relaxed), options.seeds)
-                {
-                    let seed = options.from.saturating_add(place);
-                    if let Err(error) = one(seed) {
-                        next.store(options.seeds, Ordering::Relaxed);
-                        let error = error.context(format!("seed {seed}"));
-                        *broken.lock().unwrap_or_else(|e| e.into_inner()) = Some(error);
-                        return;
-                    }
-                }
-            });
-        }
-    });
-    match broken.into_inner().unwrap_or_else(|e| e.into_inner()) {
-        Some(error) => Err(error),
-        None => Ok(tally.into_inner().unwrap_or_else(|e| e.into_inner())),
-    }
+    each_seed(&options.of, options.seeds, one)?;
+    Ok(tally.into_inner().unwrap_or_else(|e| e.into_inner()))
 }
 
 /// The lines of all parts of a campaign.
@@ -139,11 +116,7 @@ fn run_all(options: &FaultsOptions, stock: &Stock, lines: &Lines<'_>) -> anyhow:
 /// A line that is none of this bench, or a violation in one.
 pub(super) fn merge(campaign: &Campaign, lines: Vec<Line>) -> Outcome {
     let mut tally = Tally::default();
-    for line in lines {
-        let found: Result<Found, _> = serde_json::from_value(line.found);
-        let found = found.with_context(|| format!("seed {}", line.number));
-        tally.take(line.number, &found.input()?);
-    }
+    each_found(lines, |seed, found: &Found| tally.take(seed, found)).input()?;
     tally.conclude(campaign)
 }
 
@@ -261,7 +234,7 @@ fn progress(tally: &Tally, options: &FaultsOptions, started: Instant) {
     say(&format!(
         "{:>7} of {} seeds, {:.0} runs/s, {} violated",
         tally.seeds,
-        options.part.share(options.seeds),
+        options.of.part.share(options.seeds),
         tally.runs as f64 / elapsed_s,
         tally.violated()
     ));

@@ -22,12 +22,9 @@ mod tally;
 mod trial;
 
 use std::sync::Mutex;
-use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Instant;
 
-use anyhow::Context;
-
-use super::campaign::{Asked, Campaign, Line, Lines};
+use super::campaign::{Asked, Campaign, Line, Lines, each_found, each_seed};
 use super::figures::Figures;
 use crate::options::ProceduresOptions;
 use console::exit::{Kind, Outcome};
@@ -45,18 +42,18 @@ pub(super) const NAME: &str = "procedures";
 pub(super) fn procedures(options: &ProceduresOptions, figures: &mut Figures) -> Outcome {
     let machine = Machine::load(&options.machine);
     let machine = machine.map_err(anyhow::Error::from).input()?;
-    let table = Table::new(&options.machine, options.jobs).input()?;
+    let table = Table::new(&options.machine, options.of.jobs).input()?;
     let seeds = options.seeds.unwrap_or(table.cells());
     let asked = Asked {
         bench: NAME,
         folder: &options.machine,
         program: None,
         seed: 0,
-        from: options.from,
+        from: options.of.from,
         count: seeds,
     };
     let campaign = Campaign::of(&asked, &machine).input()?;
-    let lines = Lines::create(&campaign, options.lines.as_deref()).environment()?;
+    let lines = Lines::create(&campaign, options.of.lines.as_deref()).environment()?;
     if options.verbose {
         for (name, stages, cells) in table.summary() {
             say(&format!(
@@ -88,9 +85,7 @@ fn run_all(
     lines: &Lines<'_>,
 ) -> anyhow::Result<Tally> {
     let started = Instant::now();
-    let next = AtomicU64::new(0);
     let tally = Mutex::new(Tally::default());
-    let broken: Mutex<Option<anyhow::Error>> = Mutex::new(None);
     let one = |seed: u64| -> anyhow::Result<()> {
         let verdict = table.judge(seed, options.verbose);
         if options.verbose {
@@ -101,7 +96,7 @@ fn run_all(
         let mut tally = tally.lock().unwrap_or_else(|e| e.into_inner());
         tally.take(seed, &found);
         if tally.seeds.is_multiple_of(PROGRESS_SEEDS) {
-            let (done, all) = (tally.seeds, options.part.share(seeds));
+            let (done, all) = (tally.seeds, options.of.part.share(seeds));
             let rate = done as f64 / started.elapsed().as_secs_f64();
             let violated = tally.violated();
             say(&format!(
@@ -110,30 +105,8 @@ fn run_all(
         }
         Ok(())
     };
-    std::thread::scope(|threads| {
-        for _ in 0..options.jobs {
-            threads.spawn(|| {
-                let places = || {
-                    options
-                        .part
-                        .place(next.fetch_add(1, Ordering::Relaxed), seeds)
-                };
-                while let Some(place) = places() {
-                    let seed = options.from.saturating_add(place);
-                    if let Err(error) = one(seed) {
-                        next.store(seeds, Ordering::Relaxed);
-                        let error = error.context(format!("seed {seed}"));
-                        *broken.lock().unwrap_or_else(|e| e.into_inner()) = Some(error);
-                        return;
-                    }
-                }
-            });
-        }
-    });
-    match broken.into_inner().unwrap_or_else(|e| e.into_inner()) {
-        Some(error) => Err(error),
-        None => Ok(tally.into_inner().unwrap_or_else(|e| e.into_inner())),
-    }
+    each_seed(&options.of, seeds, one)?;
+    Ok(tally.into_inner().unwrap_or_else(|e| e.into_inner()))
 }
 
 /// The lines of all parts of a campaign.
@@ -142,11 +115,7 @@ fn run_all(
 /// A line that is none of this bench, or a violation in one.
 pub(super) fn merge(campaign: &Campaign, lines: Vec<Line>) -> Outcome {
     let mut tally = Tally::default();
-    for line in lines {
-        let found: Result<Found, _> = serde_json::from_value(line.found);
-        let found = found.with_context(|| format!("seed {}", line.number));
-        tally.take(line.number, &found.input()?);
-    }
+    each_found(lines, |seed, found: &Found| tally.take(seed, found)).input()?;
     tally.conclude(campaign)
 }
 

@@ -56,7 +56,7 @@ impl Clone for Axes {
 #[derive(Debug, Clone)]
 pub struct TroubledDrives {
     drives: SimulatedDrives,
-    /// Troubles that begin with the next scan: whoever has the master has its drives to look at alone.
+    /// Troubles that begin with the next scan: the drives of a master can be looked at alone, not changed.
     faults: Axes,
     losses: Axes,
     troubles: [Trouble; MAX_AXES],

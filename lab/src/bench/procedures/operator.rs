@@ -170,7 +170,7 @@ impl<'a> Operator<'a> {
             };
             let sees_to_it = reason == Refused::NotReady && what == "resume";
             if sees_to_it && self.run.cell.master.drives().are_troubled() {
-                // Whoever enables resets a drive and starts the bus again.
+                // `enable` resets a drive and starts the bus again.
                 remedies += 1;
                 self.switches_on()?;
             } else if waits {
