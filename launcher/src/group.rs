@@ -322,9 +322,10 @@ impl Group {
         named.context("naming the files of offsets and tools")?;
         let bus = Bus::enter(&place, &machine.shape(), "launcher", true)?;
         let services = bus.create_all()?;
-        let page = SignalPage::create(&place)?;
         let drive_page = machine.bus.is_some().then(|| DrivePage::create(&place));
         let drive_page = drive_page.transpose()?;
+        // Last: who finds it finds all the rest.
+        let page = SignalPage::create(&place)?;
         let register = Register::new(bus.roster_writer()?);
         cell.keep_spare_room();
         cell.note_made();
