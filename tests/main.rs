@@ -68,6 +68,7 @@ mod said_and_done;
 mod scope;
 mod setpoints;
 mod shared_memory;
+mod signals;
 mod size;
 mod smooth_motion;
 mod straight_lines;

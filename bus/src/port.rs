@@ -18,7 +18,7 @@ use iceoryx2::service::port_factory::server::ServerCreateError;
 use crate::cell::CellError;
 use crate::sample::{
     AxisCommand, BusCycle, Feedback, Instruments, OperatorRequest, OperatorResponse, PlannerStatus,
-    Roster, Setpoint, WindowHeader,
+    Roster, Setpoint, Signals, WindowHeader,
 };
 use crate::service::{Bus, PubSub, RECORDER_DEPTH_SCANS, ROLES, Sample, Topic, WINDOW_SETPOINTS};
 
@@ -414,6 +414,32 @@ macro_rules! ports {
     )*};
 }
 
+macro_rules! optional_ports {
+    ($($writer:ident $reader:ident $field:ident $type:ty, $none:literal);*) => {$(
+        #[doc = concat!("The writing end of `", stringify!($field), "`; none ", $none, ".")]
+        ///
+        /// # Errors
+        /// [`CellError::Transport`], also if there is a writer already.
+        pub fn $writer(&self) -> Result<Option<Writer<$type>>, CellError> {
+            let topic = self.services.$field.as_ref();
+            topic
+                .map(|topic| Writer::new(self, &self.open(topic)?, topic))
+                .transpose()
+        }
+
+        #[doc = concat!("A reading end of `", stringify!($field), "` that holds `depth` samples; none ", $none, ".")]
+        ///
+        /// # Errors
+        /// [`CellError::Transport`].
+        pub fn $reader(&self, depth: usize) -> Result<Option<Reader<$type>>, CellError> {
+            let topic = self.services.$field.as_ref();
+            topic
+                .map(|topic| Reader::new(self, topic, depth))
+                .transpose()
+        }
+    )*};
+}
+
 impl Bus {
     ports!(
         feedback_writer feedback_reader feedback Feedback,
@@ -422,27 +448,10 @@ impl Bus {
         roster_writer roster_reader roster Roster
     );
 
-    /// The writing end of what the fieldbus does; none where drives are simulated.
-    ///
-    /// # Errors
-    /// [`CellError::Transport`], also if there is a writer already.
-    pub fn bus_cycle_writer(&self) -> Result<Option<Writer<BusCycle>>, CellError> {
-        let topic = self.services.bus_cycle.as_ref();
-        topic
-            .map(|topic| Writer::new(self, &self.open(topic)?, topic))
-            .transpose()
-    }
-
-    /// A reading end of what the fieldbus does, that holds `depth` samples; none where drives are simulated.
-    ///
-    /// # Errors
-    /// [`CellError::Transport`].
-    pub fn bus_cycle_reader(&self, depth: usize) -> Result<Option<Reader<BusCycle>>, CellError> {
-        let topic = self.services.bus_cycle.as_ref();
-        topic
-            .map(|topic| Reader::new(self, topic, depth))
-            .transpose()
-    }
+    optional_ports!(
+        bus_cycle_writer bus_cycle_reader bus_cycle BusCycle, "where drives are simulated";
+        signals_writer signals_reader signals Signals, "where the machine names no input or output"
+    );
 
     fn command_topic(&self, axis: usize, role: usize) -> Result<&Topic, CellError> {
         self.services

@@ -18,6 +18,7 @@ pub(crate) mod checksum;
 mod ended;
 mod inputs;
 mod order;
+mod signals;
 
 /// The most axes one cell can have.
 pub const MAX_AXES: usize = 32;
@@ -240,6 +241,12 @@ wire_enum! {
         GantryTorque = 33 => "the two motors of the gantry pull against each other",
         /// The probe made contact in a motion by hand, which has come to rest where it could.
         ProbeJogged = 34 => "the probe made contact in a jog: jog it off",
+        /// The emergency-stop chain is open.
+        EmergencyStopChain = 35 => "the emergency-stop chain is open",
+        /// An input says that the drives may not be on.
+        DrivesNotAllowed = 36 => "an input keeps the drives off",
+        /// The axis is on its limit switch.
+        LimitSwitch = 37 => "limit switch: jog the axis off it",
     }
     /// A sentence fragment for people.
     pub fn words
@@ -789,6 +796,7 @@ pub use inputs::{
     OVERRIDE_MAX_PERCENT, PROBE_AWAY, PROBE_MUST,
 };
 pub use order::{DOWN_FOR_LOSS, OperatorRequest, OperatorResponse, Order, Refused};
+pub use signals::{SIGNALS_MAX, SignalSet, Signals};
 
 impl Feedback {
     /// The axes in use.

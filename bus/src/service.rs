@@ -22,7 +22,8 @@ use crate::room;
 use crate::sample::checksum;
 use crate::sample::{
     AxisCommand, BusCycle, Feedback, Instruments, MAX_AXES, MAX_WINDOW_SETPOINTS, OperatorRequest,
-    OperatorResponse, PATH_AXES, PlannerStatus, Roster, Setpoint, WindowHeader,
+    OperatorResponse, PATH_AXES, PlannerStatus, Roster, SIGNALS_MAX, Setpoint, Signals,
+    WindowHeader,
 };
 
 /// Scans the recorder's queues hold; in lockstep the master waits at half of it.
@@ -93,6 +94,8 @@ pub struct Services {
     pub instruments: Topic,
     /// Written by the master at the end of each scan; for observers only. None where drives are simulated.
     pub bus_cycle: Option<Topic>,
+    /// Written by the master at the end of each scan: named inputs and outputs. None where the machine names none.
+    pub signals: Option<Topic>,
     /// Written by the planner: windows.
     pub setpoint: Topic,
     /// Written by the planner at each period boundary.
@@ -114,6 +117,8 @@ pub struct Shape {
     pub period_scans: u32,
     /// Whether its drives are on a fieldbus.
     pub has_bus: bool,
+    /// Whether it has named inputs or outputs.
+    pub has_signals: bool,
 }
 
 impl Services {
@@ -133,6 +138,9 @@ impl Services {
             bus_cycle: shape
                 .has_bus
                 .then(|| topic("bus_cycle".into(), RECORDER_DEPTH_SCANS, 0)),
+            signals: shape
+                .has_signals
+                .then(|| topic("signals".into(), RECORDER_DEPTH_SCANS, 1)),
             // No history: it would be delivered with the next window, at no particular instant of a scan.
             setpoint: topic("setpoint".into(), periods, 0),
             planner: topic("planner".into(), periods, 1),
@@ -152,7 +160,8 @@ impl Services {
 
     /// How many there are.
     pub(crate) fn count(&self) -> usize {
-        CELL_SERVICES + usize::from(self.bus_cycle.is_some()) + ROLES.len() * self.commands.len()
+        let optional = usize::from(self.bus_cycle.is_some()) + usize::from(self.signals.is_some());
+        CELL_SERVICES + optional + ROLES.len() * self.commands.len()
     }
 
     /// Shared memory that a cell with these services takes, at most: its segments, the files of iceoryx2, the page, and some
@@ -171,6 +180,10 @@ impl Services {
                 .bus_cycle
                 .as_ref()
                 .map_or(0, |topic| of(topic, size_of::<BusCycle>()))
+            + self
+                .signals
+                .as_ref()
+                .map_or(0, |topic| of(topic, size_of::<Signals>()))
             + self.setpoint.windows_max() * window
             + of(&self.planner, size_of::<PlannerStatus>())
             + of(&self.roster, size_of::<Roster>())
@@ -259,6 +272,11 @@ samples!(
         let inputs = cycle.inputs.get(..cycle.axis_count as usize);
         offset_of!(BusCycle, inputs) + size_of_val(inputs.unwrap_or(&cycle.inputs))
     }, if |cycle| is_possible(cycle.scan, cycle.visible_from);
+    Signals: scan of |signals| {
+        offset_of!(Signals, values) + size_of_val(signals.values())
+    }, if |signals| {
+        is_possible(signals.scan, signals.visible_from) && signals.count as usize <= SIGNALS_MAX
+    };
     AxisCommand: scan [checksum] of |command| {
         let words = command.state.get(..command.state_words as usize);
         offset_of!(AxisCommand, state) + size_of_val(words.unwrap_or(&command.state))
@@ -458,6 +476,11 @@ impl Bus {
                 .as_ref()
                 .map(|topic| self.create(topic))
                 .transpose()?,
+            _signals: services
+                .signals
+                .as_ref()
+                .map(|topic| self.create(topic))
+                .transpose()?,
             _planner: self.create(&services.planner)?,
             _roster: self.create(&services.roster)?,
             _setpoint: setpoint,
@@ -512,6 +535,7 @@ pub struct Created {
     _feedback: PubSub<Feedback>,
     _instruments: PubSub<Instruments>,
     _bus_cycle: Option<PubSub<BusCycle>>,
+    _signals: Option<PubSub<Signals>>,
     _planner: PubSub<PlannerStatus>,
     _roster: PubSub<Roster>,
     _setpoint: Windows,

@@ -18,6 +18,7 @@ fn shape() -> Shape {
         axes: vec!["X".into(), "Y".into()],
         period_scans: 4,
         has_bus: false,
+        has_signals: false,
     }
 }
 

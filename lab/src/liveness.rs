@@ -241,7 +241,10 @@ impl<'a> Liveness<'a> {
             | Cause::Spindle
             | Cause::ToolChange
             | Cause::Skew
-            | Cause::GantryTorque => false,
+            | Cause::GantryTorque
+            | Cause::EmergencyStopChain
+            | Cause::DrivesNotAllowed
+            | Cause::LimitSwitch => false,
             Cause::HomeSwitch | Cause::HomeIndex | Cause::HomeDrive => {
                 let settings = self.machine.axes.get(axis);
                 settings.is_some_and(|settings| settings.homing.is_some())

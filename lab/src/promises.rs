@@ -33,7 +33,10 @@ impl Promises {
             | Order::OptionalStop
             | Order::SingleBlock
             | Order::RapidOverride
-            | Order::JogOverride => {}
+            | Order::JogOverride
+            | Order::Signal
+            | Order::SignalForce
+            | Order::SignalRelease => {}
         }
     }
 

@@ -96,6 +96,7 @@ fn no_wrong_number_in_a_sample_keeps_a_reader_from_the_next_one() {
         axes: vec!["X".into(), "Y".into()],
         period_scans: 4,
         has_bus: false,
+        has_signals: false,
     };
     let bus = Bus::enter(&place, &shape, "launcher", true).expect("shared memory");
     let _services = bus.create_all().expect("services");
@@ -148,6 +149,7 @@ fn a_feedback_whose_scan_is_wrong_is_taken_for_none() {
         axes: vec!["X".into(), "Y".into()],
         period_scans: 4,
         has_bus: false,
+        has_signals: false,
     };
     let bus = Bus::enter(&place, &shape, "launcher", true).expect("shared memory");
     let _services = bus.create_all().expect("services");

@@ -11,6 +11,7 @@ use crate::homing::{Homing, HomingMethod, INDEX_TURNS, JOG_ACCELERATION_SHARE};
 use crate::loops::{FeedForward, PositionLoop, Prediction, VelocityLoop};
 use crate::model::{Adaptation, AxisModel, DisturbanceObserver, TorqueFeedForward};
 use crate::reversal::Reversal;
+use crate::signals::LimitSwitches;
 use crate::transmission::Transmission;
 
 /// One axis.
@@ -79,6 +80,8 @@ pub struct Axis {
     pub drive: Option<AxisDrive>,
     /// How the axis finds its place after it was switched on ([how](../howto/home.md)). Without this table its encoder is absolute.
     pub homing: Option<Homing>,
+    /// Switches at the ends of its travel.
+    pub limit_switches: Option<LimitSwitches>,
     /// This is the second motor of an axis that two motors drive ([how](../howto/gantry.md)). Such axes come last in the file.
     pub gantry: Option<Gantry>,
     /// The motor's rating plate.

@@ -41,6 +41,7 @@ mod restart;
 mod reversal;
 mod rules;
 pub mod settings_file;
+mod signals;
 mod tool_table;
 pub mod tools_file;
 pub mod transmission;
@@ -73,5 +74,8 @@ pub use process::Process;
 pub use processes::Processes;
 pub use restart::{AfterLoss, AfterMaster, AfterMonitor, AfterStandby, Restart};
 pub use reversal::{PositionErrorPart, PulseShape, Reversal, ReversalMethod, Trigger};
+pub use signals::{
+    Functions, LimitSwitches, MachineState, SetBy, Signal, SignalKind, SignalSink, SignalSource,
+};
 pub use tool_table::{Tool, parse_tools};
 pub use whole_file::{replace_file, replace_with};

@@ -22,6 +22,7 @@ use crate::path::PathSettings;
 use crate::positioning::Positioning;
 use crate::processes::Processes;
 use crate::restart::Restart;
+use crate::signals::{Functions, Signal};
 use crate::tool_table::Tool;
 
 /// The whole machine file.
@@ -57,6 +58,12 @@ pub struct Machine {
     pub tool_change: ToolChange,
     /// The fieldbus that the drives are on ([how](../howto/drives.md)). Without this table they are simulated.
     pub bus: Option<Fieldbus>,
+    /// Named inputs and outputs ([signals](../howto/signals.md)).
+    #[serde(rename = "signal")]
+    #[schemars(extend("default" = []))]
+    pub signals: Vec<Signal>,
+    /// Signals that the controller itself acts on.
+    pub functions: Functions,
     /// An axis: a machine has 1 to 32, each with a name of its own; the second motor of a gantry counts as one.
     #[serde(rename = "axis")]
     #[schemars(length(min = 1, max = MAX_AXES))]
@@ -216,6 +223,7 @@ impl Machine {
             axes: self.axes.iter().map(|axis| axis.name.clone()).collect(),
             period_scans: self.scan.interpolation_period_scans,
             has_bus: self.bus.is_some(),
+            has_signals: !self.signals.is_empty(),
         }
     }
 

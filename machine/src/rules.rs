@@ -16,6 +16,7 @@ mod kinematics;
 mod model;
 mod processes;
 mod reversal;
+mod signals;
 
 /// Checks every rule of the machine file.
 pub fn judge(rules: &mut Rules<'_>, machine: &Machine) {
@@ -33,6 +34,7 @@ pub fn judge(rules: &mut Rules<'_>, machine: &Machine) {
     kinematics::judge(rules, machine);
     fieldbus::judge(rules, machine);
     processes::judge(rules, machine);
+    signals::judge(rules, machine);
     for (index, axis) in machine.axes.iter().enumerate() {
         let at = Some((index, axis.name.as_str()));
         if machine.axes.iter().take(index).any(|a| a.name == axis.name) {

@@ -8,7 +8,8 @@ use bus::port::{Age, OperatorServer, Reader, WindowReader, Writer};
 use bus::realtime;
 use bus::sample::{
     AxisCommand, BusCycle, Feedback, Instruments, Job, MAX_PARTICIPANTS, Mode, OperatorRequest,
-    OperatorResponse, Participant, PlannerStatus, ProgramState, Roster, Setpoint, WindowHeader,
+    OperatorResponse, Participant, PlannerStatus, ProgramState, Roster, Setpoint, Signals,
+    WindowHeader,
 };
 use bus::service::{RECORDER_DEPTH_SCANS, ROLES, SCAN_DEPTH};
 use bus::signal_page::CellPhase;
@@ -41,6 +42,7 @@ struct Ports {
     feedback: Writer<Feedback>,
     instruments: Writer<Instruments>,
     bus_cycle: Option<Writer<BusCycle>>,
+    signals: Option<Writer<Signals>>,
     commands: Vec<[Reader<AxisCommand>; ROLES.len()]>,
     windows: WindowReader,
     planner: Reader<PlannerStatus>,
@@ -55,6 +57,7 @@ impl Ports {
             feedback: bus.feedback_writer()?,
             instruments: bus.instruments_writer()?,
             bus_cycle: bus.bus_cycle_writer()?,
+            signals: bus.signals_writer()?,
             commands: bus
                 .command_readers(SCAN_DEPTH)?
                 .into_iter()
@@ -549,6 +552,12 @@ impl MasterPorts for BusPorts {
     fn publish_bus_cycle(&mut self, cycle: &BusCycle) {
         if let Some(writer) = &mut self.ports.bus_cycle {
             writer.send(cycle);
+        }
+    }
+
+    fn publish_signals(&mut self, signals: &Signals) {
+        if let Some(writer) = &mut self.ports.signals {
+            writer.send(signals);
         }
     }
 

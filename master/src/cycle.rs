@@ -26,6 +26,9 @@ pub fn cycle<D: Drives, P: MasterPorts>(
     if let Some(cycle) = master.bus_cycle() {
         ports.publish_bus_cycle(&cycle);
     }
+    if let Some(signals) = master.signals() {
+        ports.publish_signals(signals);
+    }
     ports.publish_instruments(master.instruments());
     ports.follow_drives(master.drives().exchanged_late_ns());
     ports.save(&master.latches(), master.drives());

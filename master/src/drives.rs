@@ -223,6 +223,16 @@ pub trait Drives {
         InputFeedback::default()
     }
 
+    /// What the device shows that is the source of a signal, by the signal's index in the machine file, at the end of the last exchange;
+    /// none while the device does not answer.
+    fn signal(&self, _index: usize) -> Option<f64> {
+        None
+    }
+
+    /// What all signals show, by their index; called once a scan, before [`exchange`](Drives::exchange). Those that go to a device are
+    /// commanded so.
+    fn command_signals(&mut self, _values: &[f64]) {}
+
     /// How much too late the last exchange was for the clock that the drives share, in ns; 0 where they have none. The clock of the
     /// scans follows it.
     fn exchanged_late_ns(&self) -> i64 {

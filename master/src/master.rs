@@ -36,6 +36,7 @@ mod questions;
 mod recovery;
 mod sane;
 mod servos;
+mod signals;
 mod silence;
 mod single_block;
 mod start_at_line;
@@ -54,6 +55,7 @@ use modes::Modes;
 use program::Loaded;
 pub use program::RunEnd;
 use questions::program_position;
+use signals::NamedSignals;
 use silence::NextScan;
 use switching_on::SwitchingOn;
 
@@ -76,6 +78,7 @@ pub struct Master<D> {
     /// Command positions that the program was started from.
     program_start: [i64; PATH_AXES],
     auxiliary: Auxiliary,
+    signals: NamedSignals,
     drives: D,
     /// Commands of one scan, by axis.
     drive_commands: Vec<DriveCommand>,
@@ -131,6 +134,7 @@ impl<D: Drives> Master<D> {
             program: Loaded::new(run_end),
             program_start: [0; PATH_AXES],
             auxiliary: Auxiliary::new(machine),
+            signals: NamedSignals::new(machine),
             drives,
             digest: MotionDigest::new(),
             told: Some(Box::new(Feedback::zeroed())),
@@ -224,9 +228,14 @@ impl<D: Drives> Master<D> {
             self.brake_evenly(axis, most_mm_s2);
         }
         self.gantries.command(&mut self.drive_commands);
-        self.drives.command_levels(&self.auxiliary.levels());
+        let levels = self.auxiliary.levels();
+        self.drives.command_levels(&levels);
+        self.command_signals(&levels);
         self.drives.exchange(&self.drive_commands);
-        self.auxiliary.take(self.drives.auxiliary());
+        self.signals.take(&self.drives, self.scan);
+        let mut auxiliary = self.drives.auxiliary();
+        self.signals.give_auxiliary(&levels, &mut auxiliary);
+        self.auxiliary.take(auxiliary);
         let from = self.axes.on_path(program_position);
         let taken = self.timing.subsamples as usize;
         let axes = self.axes.iter_mut().zip(&self.drive_commands).enumerate();
@@ -246,7 +255,8 @@ impl<D: Drives> Master<D> {
             );
         }
         let to = self.axes.on_path(program_position);
-        let inputs = self.drives.inputs();
+        let mut inputs = self.drives.inputs();
+        self.signals.give_inputs(&mut inputs);
         self.auxiliary.questions.take(inputs, &from, &to);
         let out = &mut self.seen;
         (out.motion_digest_high, out.motion_digest_low) = self.digest.end();
@@ -286,6 +296,7 @@ impl<D: Drives> Master<D> {
     pub fn close_scan(&mut self, answers: &Answers, roster: &Roster) {
         let scan_s = self.timing.scan_period_s;
         self.axes.iter_mut().for_each(AxisUnit::step_by_hand);
+        self.heed_signals();
         self.take_commands(answers, roster);
         self.heed_planner(answers, roster);
         self.hold_without_planner(answers, roster);

@@ -1,7 +1,7 @@
 //! What a master sees of its cell.
 
 use bus::sample::{
-    BusCycle, Feedback, Instruments, OperatorRequest, OperatorResponse, Roster, Setpoint,
+    BusCycle, Feedback, Instruments, OperatorRequest, OperatorResponse, Roster, Setpoint, Signals,
     WindowHeader,
 };
 
@@ -49,6 +49,9 @@ pub trait MasterPorts {
 
     /// Publishes what the fieldbus did, where drives are on one.
     fn publish_bus_cycle(&mut self, _cycle: &BusCycle) {}
+
+    /// Publishes what named inputs and outputs show.
+    fn publish_signals(&mut self, _signals: &Signals) {}
 
     /// Keeps what must outlive the master.
     fn save(&mut self, latches: &Latches, drives: &impl Drives);

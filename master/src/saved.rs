@@ -47,6 +47,31 @@ pub struct Latches {
     pub questions: QuestionLatches,
     /// Where the axes are that have been homed.
     pub homing: HomingLatches,
+    /// Signals that an operator has set or forced.
+    pub signals: SignalLatches,
+}
+
+/// The most signals that can be set or forced at a time.
+pub const HELD_SIGNALS_MAX: usize = 32;
+
+/// Signals that an operator has set or forced.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
+#[repr(C)]
+pub struct SignalLatches {
+    /// Each of them.
+    pub held: [HeldSignal; HELD_SIGNALS_MAX],
+}
+
+/// A signal that an operator has set or forced.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
+#[repr(C)]
+pub struct HeldSignal {
+    /// Its value.
+    pub value: f64,
+    /// Its index in the machine file and 1; 0 for none.
+    pub of: u32,
+    /// 1 if it has another source, which counts no more.
+    pub forced: u32,
 }
 
 /// Spindle, coolant, outputs, tool, the operator's switches and the events that are done.

@@ -29,7 +29,7 @@ const PLACE_LOOK: Duration = Duration::from_millis(20);
 /// The end of a cell shows so long after its services have gone.
 const END_SHOWS_WITHIN: Duration = Duration::from_millis(500);
 /// Time between two looks for the answer.
-const LOOK: Duration = Duration::from_millis(2);
+pub(super) const LOOK: Duration = Duration::from_millis(2);
 
 /// What a cell with its drives on says.
 fn enabled(mode: Option<Mode>, hold: u32) -> &'static str {
@@ -297,6 +297,11 @@ impl Client {
             }
             Refused::BadValue if order == Order::JogOverride => {
                 format!("an override of jogs is 0 to {OVERRIDE_MAX_PERCENT} %")
+            }
+            Refused::SignalOff => {
+                let signal = self.machine.signals.get(answer.axis as usize);
+                let name = signal.map_or("?", |signal| signal.name.as_str());
+                format!("signal {name} is off, and must be on for a program")
             }
             Refused::BadValue if order == Order::Jog => "a jog is any distance but 0".into(),
             Refused::JogSpeed => format!(

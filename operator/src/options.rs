@@ -260,6 +260,51 @@ pub enum ToolChangeOptions {
     },
 }
 
+/// What `quadrant signal` takes.
+#[derive(Debug, Clone, Args)]
+#[command(
+    after_help = "Shows the named inputs and outputs of a running cell, or changes one:\n  quadrant signal\n  quadrant signal set part_ready on\n  quadrant signal force lube_pressure 4.5\n  quadrant signal release lube_pressure\n\n`set` is for signals whose source is the operator (from = { by = \"operator\" }); `force` holds any signal at a value, whatever its source says, until `release` or the end of the cell; status and report show what is forced. At most 32 are set or forced at a time. Exits with 0, with 1 where it was refused, with 2 on bad usage."
+)]
+pub struct SignalOptions {
+    /// Name of the cell [default: the only one that runs, if its machine is one of this folder]
+    #[arg(long, global = true)]
+    pub cell: Option<String>,
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
+    /// What is changed.
+    #[command(subcommand)]
+    pub change: Option<SignalChangeOptions>,
+}
+
+/// A change of a signal.
+#[derive(Debug, Clone, Subcommand)]
+pub enum SignalChangeOptions {
+    /// Show the signals
+    List,
+    /// Set a signal whose source is the operator
+    Set {
+        /// Its name
+        name: String,
+        /// on or off; of a number, the number
+        #[arg(allow_negative_numbers = true)]
+        value: String,
+    },
+    /// Hold a signal at a value, whatever its source says
+    Force {
+        /// Its name
+        name: String,
+        /// on or off; of a number, the number
+        #[arg(allow_negative_numbers = true)]
+        value: String,
+    },
+    /// Let a forced signal follow its source again
+    Release {
+        /// Its name
+        name: String,
+    },
+}
+
 /// What `quadrant zero` takes.
 #[derive(Debug, Clone, Args)]
 #[command(

@@ -10,6 +10,7 @@ use master::{
 use crate::auxiliary::{AuxiliaryState, SimulatedAuxiliaries};
 use crate::axis::{AxisSimulation, AxisState, Joined};
 use crate::bridge::Bridge;
+use crate::contacts::SimulatedContacts;
 use crate::cross_talk::{CrossTalk, FRICTION_SHARE_MIN};
 use crate::homing::{HomingState, SimulatedHoming};
 use crate::inputs::{InputsState, SimulatedInputs};
@@ -27,6 +28,8 @@ pub struct SimulatedDrives {
     pub auxiliaries: SimulatedAuxiliaries,
     probe: Option<SimulatedProbe>,
     inputs: SimulatedInputs,
+    /// Devices at named inputs.
+    pub(crate) contacts: SimulatedContacts,
 }
 
 /// A bridge, and the axes whose tables it joins.
@@ -63,13 +66,17 @@ struct SavedCommand {
 
 /// Writes a part of the state to the beginning of what is left of the bytes, if it fits.
 fn put(bytes: &mut &mut [u8], part: &impl Pod) {
-    if let Some(slot) = bytes.split_off_mut(..size_of_val(part)) {
-        slot.copy_from_slice(bytemuck::bytes_of(part));
+    put_bytes(bytes, bytemuck::bytes_of(part));
+}
+
+fn put_bytes(bytes: &mut &mut [u8], part: &[u8]) {
+    if let Some(slot) = bytes.split_off_mut(..part.len()) {
+        slot.copy_from_slice(part);
     }
 }
 
 /// Reads a part of the state from the beginning of what is left of the bytes.
-fn taken<T: Pod>(bytes: &mut &[u8]) -> Result<T, StateRefused> {
+pub(crate) fn taken<T: Pod>(bytes: &mut &[u8]) -> Result<T, StateRefused> {
     let slot = bytes.split_off(..size_of::<T>()).ok_or(StateRefused)?;
     Ok(bytemuck::pod_read_unaligned(slot))
 }
@@ -212,6 +219,7 @@ impl SimulatedDrives {
             auxiliaries: SimulatedAuxiliaries::new(None, None, 1e-3),
             probe: None,
             inputs: SimulatedInputs::default(),
+            contacts: SimulatedContacts::default(),
         }
     }
 
@@ -338,6 +346,11 @@ impl Drives for SimulatedDrives {
         }
         show(&mut self.axes, &self.cross_talk);
         let axes = &self.axes;
+        let place_mm = |axis: usize| {
+            axes.get(axis)
+                .map_or(0.0, |axis| axis.simulation.instruments().table_mm)
+        };
+        self.contacts.scan(place_mm);
         if let Some(probe) = &mut self.probe {
             let samples = axes
                 .first()
@@ -353,6 +366,14 @@ impl Drives for SimulatedDrives {
     fn command_levels(&mut self, levels: &Levels) {
         self.auxiliaries.scan(levels);
         self.inputs.scan(levels.digital);
+    }
+
+    fn command_signals(&mut self, values: &[f64]) {
+        self.contacts.command(values);
+    }
+
+    fn signal(&self, index: usize) -> Option<f64> {
+        self.contacts.shown(index)
     }
 
     fn inputs(&self) -> InputFeedback {
@@ -389,7 +410,9 @@ impl Drives for SimulatedDrives {
 
     fn state_bytes(&self) -> usize {
         let axes: usize = self.axes.iter().map(SimulatedAxis::state_bytes).sum();
-        size_of::<AuxiliaryState>() + size_of::<ProbeState>() + size_of::<InputsState>() + axes
+        let beside =
+            size_of::<AuxiliaryState>() + size_of::<ProbeState>() + size_of::<InputsState>();
+        beside + self.contacts.state_bytes() + axes
     }
 
     fn save(&self, mut bytes: &mut [u8]) {
@@ -398,6 +421,7 @@ impl Drives for SimulatedDrives {
         let probe = self.probe.as_ref().map(|probe| probe.state);
         put(bytes, &probe.unwrap_or_default());
         put(bytes, &self.inputs.state);
+        self.contacts.save(|part| put_bytes(bytes, part));
         self.axes.iter().for_each(|axis| axis.save(bytes));
     }
     fn restore(&mut self, mut bytes: &[u8]) -> Result<(), StateRefused> {
@@ -407,6 +431,7 @@ impl Drives for SimulatedDrives {
         }
         let probe = taken(bytes)?;
         self.inputs.state = taken(bytes)?;
+        self.contacts.restore(bytes)?;
         let together = self.auxiliaries.brakes_together();
         self.auxiliaries.run_down();
         for axis in &mut self.axes {

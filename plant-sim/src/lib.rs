@@ -13,6 +13,7 @@
 pub mod auxiliary;
 pub mod axis;
 pub mod bridge;
+pub mod contacts;
 pub mod cross_talk;
 pub mod cutting;
 pub mod drive;

@@ -6,6 +6,7 @@ use machine::{Axis, HomingMethod, Machine, PositionFeedback, ToolChanger};
 use crate::auxiliary::SimulatedAuxiliaries;
 use crate::axis::{AxisSettings, AxisSimulation};
 use crate::bridge::Bridge;
+use crate::contacts::SimulatedContacts;
 use crate::cross_talk::CrossTalk;
 use crate::drive::DriveParameters;
 use crate::drives::{BridgedAxes, SimulatedDrives};
@@ -83,6 +84,7 @@ impl PlantFile {
         self.judge_homing(machine)?;
         drives.bridges = self.bridges(machine)?;
         drives.cross_talk = self.cross_talk(machine);
+        drives.contacts = SimulatedContacts::new(&self.contacts, machine)?;
         drives.auxiliaries = auxiliary;
         let drives = drives.with_homing(|index, simulation| {
             let axis = self.axis(&machine.axes.get(index)?.name)?;

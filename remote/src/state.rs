@@ -67,9 +67,32 @@ pub struct CellState {
     pub axes: Vec<AxisState>,
     /// The processes, in the order of the roster; empty before one was heard.
     pub processes: Vec<ProcessState>,
+    /// Named inputs and outputs, of a machine that has any.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub signals: Vec<SignalState>,
     /// The link, of a view from another machine.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub remote: Option<LinkState>,
+}
+
+/// A named input or output.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SignalState {
+    /// Its name.
+    pub name: String,
+    /// `bool`, `int` or `float`.
+    pub kind: String,
+    /// What it shows: 0 or 1 of a switch.
+    pub value: f64,
+    /// Unit of a number.
+    pub unit: String,
+    /// Where its value comes from, in words.
+    pub source: String,
+    /// Its source is lost: it shows what the machine file names for that.
+    pub lost: bool,
+    /// The operator holds it at this value.
+    pub forced: bool,
 }
 
 /// A state for people, in its parts.

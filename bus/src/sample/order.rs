@@ -89,9 +89,25 @@ wire_enum! {
         Wheel = 21 => "wheel",
         /// Override of jogs, those under way too.
         JogOverride = 22 => "jog-override",
+        /// A signal that the operator sets, named by its index in `axis`, to this value.
+        Signal = 23 => "signal",
+        /// Hold any signal at this value, whatever its source says.
+        SignalForce = 24 => "signal-force",
+        /// A signal that is forced follows its source again.
+        SignalRelease = 25 => "signal-release",
     }
     /// The word for it on the command line and in files.
     pub fn word
+}
+
+impl OperatorRequest {
+    /// An order that has nothing but its name.
+    pub fn of(order: Order) -> OperatorRequest {
+        OperatorRequest {
+            order: order as u32,
+            ..OperatorRequest::default()
+        }
+    }
 }
 
 impl Order {
@@ -160,6 +176,22 @@ wire_enum! {
         TravelEnd = 26 => "the axis is at the end of its travel: jog it the other way",
         /// The axis has more to go than this increment, or a count of its wheel, and a fifth of a second.
         Backlog = 27 => "the axis still goes by the increments before: it would run on after the hand is off",
+        /// The emergency-stop chain is open.
+        EmergencyStopOpen = 28 => "the emergency-stop chain is open: close it first",
+        /// An input keeps the drives off.
+        DrivesNotAllowed = 29 => "an input keeps the drives off ([functions] drives_may)",
+        /// A door or guard is open.
+        DoorOpen = 30 => "a door or guard is open: close it first",
+        /// A signal that must be on for a program is off; the answer carries its index as its axis.
+        SignalOff = 31 => "a signal that must be on for a program is off",
+        /// An axis is on a limit switch, and would go further onto it.
+        OnLimitSwitch = 32 => "an axis is on its limit switch: jog it off",
+        /// The machine has no such signal.
+        UnknownSignal = 33 => "the machine has no such signal",
+        /// It is not the operator who sets this signal.
+        NotOperators = 34 => "this signal has another source: only forcing holds it at a value",
+        /// As many signals as may be are set or forced.
+        SignalsHeld = 35 => "as many signals are set or forced as may be at a time: release one first",
     }
     /// Why, and what would be right.
     pub fn words

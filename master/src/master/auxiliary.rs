@@ -265,6 +265,12 @@ impl Auxiliary {
         feedback.inputs.panel = self.panel();
     }
 
+    /// A door is open: what turns and flows rests, until a program goes on.
+    pub fn rest_for_door(&mut self) {
+        self.released = false;
+        self.comes_back = false;
+    }
+
     /// What must outlive this master.
     pub fn latches(&self) -> AuxiliaryLatches {
         self.latches

@@ -220,6 +220,11 @@ impl AxisUnit {
         &self.drive
     }
 
+    /// Velocity that its drive shows, in mm/s.
+    pub fn velocity_mm_s(&self) -> f64 {
+        self.drive.velocity_mm_s
+    }
+
     /// Where it is commanded to be, in increments.
     pub fn command_position(&self) -> i64 {
         self.command_position

@@ -209,6 +209,7 @@ impl<D: Drives> Master<D> {
         if self.windows.has_started() {
             return Err(Refused::Running.into());
         }
+        self.signals_allow(false)?;
         let all = (1u64 << self.axes.len().min(MAX_AXES)) - 1;
         let asked = whole_number(bits)?;
         let followers = self.gantries.followers();

@@ -191,6 +191,7 @@ impl<D: Drives> Master<D> {
         if way == 0 {
             return Err(Refused::TravelEnd.into());
         }
+        self.limits_allow(request.axis as usize, way)?;
         let target = from.saturating_add(way);
         let left_mm = target.saturating_sub(unit.command_position()) as f64 * increment_mm;
         let most_mm = request.value.abs() + BACKLOG_S * speed.at(self.auxiliary.jog_share());
@@ -251,6 +252,7 @@ impl<D: Drives> Master<D> {
             let axis = index as u32;
             let unit = self.unit_to_jog(axis, false)?;
             let way = unit.way_of_jog(axis, *way_mm, unit.command_position())?;
+            self.limits_allow(index, way)?;
             let usual_mm_s = match request.speed_mm_s {
                 0.0 => self.manual.jog_mm_s(),
                 _ => f64::INFINITY,
@@ -282,6 +284,7 @@ impl<D: Drives> Master<D> {
         if !is_direction || request.session == 0 || request.deadline_scans == 0 {
             return Err(Refused::BadValue.into());
         }
+        self.limits_allow(request.axis as usize, direction as i64)?;
         let (low, high) = unit.reach();
         let target = if direction > 0.0 { high } else { low };
         if target == unit.command_position() {
@@ -373,6 +376,7 @@ impl<D: Drives> Master<D> {
         if self.auxiliary.is_coupled() {
             return Err(Refused::InThread.into());
         }
+        self.signals_allow(false)?;
         Ok(unit.ok_or(Refused::UnknownAxis)?)
     }
 

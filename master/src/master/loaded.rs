@@ -106,6 +106,7 @@ impl<D: Drives> Master<D> {
             return Err(Refused::BadValue.into());
         }
         self.may_begin()?;
+        self.signals_allow(true)?;
         match self.program.state() {
             ProgramState::Loaded | ProgramState::Done => {}
             ProgramState::Loading => return Err(Refused::Loading.into()),

@@ -155,6 +155,12 @@ impl Modes {
         fits
     }
 
+    /// The feed override by a knob, in percent: as much of it as the machine allows.
+    pub fn turn_override(&mut self, percent: f64) {
+        let most = f64::from(self.override_max_percent);
+        self.override_percent = percent.clamp(0.0, most) as u32;
+    }
+
     pub fn enter(&mut self, mode: Mode) {
         self.mode = mode;
     }

@@ -32,6 +32,9 @@ fn moves(order: Order) -> bool {
         | Order::SingleBlock
         | Order::RapidOverride
         | Order::JogOverride
+        | Order::Signal
+        | Order::SignalForce
+        | Order::SignalRelease
         | Order::EmergencyStop => false,
     }
 }
@@ -104,6 +107,9 @@ impl<D: Drives> Master<D> {
             Some(Order::RapidOverride) => self.auxiliary.override_rapids(request.value),
             Some(Order::JogOverride) => self.order_jog_override(request.value),
             Some(Order::Reset) => self.order_reset(),
+            Some(Order::Signal) => self.signals.hold(request, false),
+            Some(Order::SignalForce) => self.signals.hold(request, true),
+            Some(Order::SignalRelease) => self.signals.let_go(request),
             Some(Order::SingleBlock) => self.auxiliary.switch_single_block(request.value),
             Some(Order::Down) => {
                 self.end_after_stop(request.value == DOWN_FOR_LOSS);
@@ -197,6 +203,7 @@ impl<D: Drives> Master<D> {
 
     fn order_resume(&mut self) -> Result<(), Refusal> {
         let outside = !self.axes.are_within_travel();
+        self.signals_allow(true)?;
         match self.mode() {
             Mode::Enabled | Mode::Ready | Mode::Stopped | Mode::Tripped
                 if !self.axes.are_homed() =>
@@ -280,6 +287,7 @@ impl<D: Drives> Master<D> {
             Mode::Finished => return Err(Refused::Finished.into()),
             Mode::Disabled => {}
         }
+        self.drives_may()?;
         self.must_be_referenced()?;
         self.modes.keep();
         self.switch_on(true);
@@ -299,6 +307,7 @@ impl<D: Drives> Master<D> {
         if self.modes.is_last() || self.modes.may_end() {
             return Err(Refused::Finished.into());
         }
+        self.drives_may()?;
         if !self.axes.are_served_at_rest() {
             return Err(Refused::NotReady.into());
         }

@@ -22,6 +22,7 @@ impl<D: Drives> Master<D> {
         self.auxiliary.questions.resume(&latches.questions);
         self.axes.resume_homing(&latches.homing);
         self.digest.resume(latches.digest);
+        self.signals.resume(&latches.signals);
         self.switching_on.cancel();
     }
 
@@ -36,6 +37,7 @@ impl<D: Drives> Master<D> {
             auxiliary: self.auxiliary.latches(),
             questions: self.auxiliary.questions.latches(),
             homing: self.axes.homing_latches(),
+            signals: self.signals.latches(),
             ..Latches::default()
         };
         self.modes.latch(&mut latches);

@@ -75,6 +75,7 @@ impl<D: Drives> Master<D> {
         };
         let from = unit.target();
         let step = per_count.saturating_mul(turned.signum().into());
+        self.limits_allow(index, step)?;
         let (low, high) = unit.reach();
         let end = if step > 0 { high } else { low };
         let to_end = counts(end.saturating_sub(from), step);

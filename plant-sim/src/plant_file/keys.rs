@@ -34,6 +34,11 @@ pub struct PlantFile {
     #[serde(rename = "input")]
     #[schemars(length(max = INPUT_LINES_MAX), extend("default" = []))]
     pub inputs: Vec<PlantInput>,
+    /// What a simulated drive or terminal shows at a [signal](../howto/signals.md) of the machine file: of all lines of a signal that hold,
+    /// the last one counts; where none holds it shows the signal's `default`.
+    #[serde(rename = "contact")]
+    #[schemars(length(max = INPUT_LINES_MAX), extend("default" = []))]
+    pub contacts: Vec<PlantContact>,
     /// An axis: each axis of the machine file has one here.
     #[serde(rename = "axis")]
     #[schemars(length(min = 1, max = MAX_AXES))]
@@ -197,6 +202,44 @@ pub struct PlantInput {
     /// Number of a digital output of the program. The line counts only while that output is on.
     #[schemars(extend("minimum" = 0, "maximum" = DIGITAL_OUTPUTS - 1))]
     pub after_output: Option<u32>,
+}
+
+/// A contact, sensor or wire at a signal. It holds while all that it names is so.
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
+pub struct PlantContact {
+    /// The signal, one whose source is a drive or terminal.
+    pub signal: String,
+    /// What the signal shows while this holds; without it, the other one of 0 and 1.
+    #[schemars(extend("minimum" = -1_000_000_000, "maximum" = 1_000_000_000))]
+    pub value: Option<f64>,
+    /// While this holds the wire is cut, or the device does not answer: the signal is lost.
+    #[schemars(extend("default" = false))]
+    pub broken: bool,
+    /// Signal that must be on (not 0), such as the valve that moves what this contact sees.
+    pub follows: Option<String>,
+    /// Axis that must be between `from_mm` and `to_mm`.
+    pub axis: Option<String>,
+    /// Lowest place of the axis.
+    #[schemars(extend("unit" = "mm", "minimum" = -100_000, "maximum" = 100_000))]
+    pub from_mm: Option<f64>,
+    /// Highest place of the axis.
+    #[schemars(extend("unit" = "mm", "minimum" = -100_000, "maximum" = 100_000))]
+    pub to_mm: Option<f64>,
+    /// From when on, after the first scan of the cell.
+    #[schemars(extend("unit" = "s", "minimum" = 0, "maximum" = 1_000_000_000, "default" = 0.0))]
+    pub at_s: f64,
+    /// Until when.
+    #[schemars(extend("unit" = "s", "minimum" = 0, "maximum" = 1_000_000_000))]
+    pub until_s: Option<f64>,
+    /// It holds so much later than what it names is so.
+    #[schemars(extend("unit" = "ms", "minimum" = 0, "maximum" = 1_000_000, "default" = 0.0))]
+    pub on_delay_ms: f64,
+    /// And ends so much later than that ends.
+    #[schemars(extend("unit" = "ms", "minimum" = 0, "maximum" = 1_000_000, "default" = 0.0))]
+    pub off_delay_ms: f64,
+    /// For so long after each change it bounces, every other scan.
+    #[schemars(extend("unit" = "ms", "minimum" = 0, "maximum" = 1000, "default" = 0.0))]
+    pub bounce_ms: f64,
 }
 
 /// One axis.

@@ -4,7 +4,7 @@
 use bus::member::Pace;
 use bus::sample::{
     BusCycle, Feedback, Instruments, OperatorRequest, OperatorResponse, Order, Participant,
-    Refused, Roster, Setpoint, WindowHeader,
+    Refused, Roster, Setpoint, Signals, WindowHeader,
 };
 use bus::signal_page::FaultStep;
 use master::bus_ports::{BusPorts, WAIT_STEP};
@@ -111,6 +111,10 @@ impl MasterPorts for ScriptedPorts {
 
     fn publish_instruments(&mut self, instruments: &Instruments) {
         self.ports.publish_instruments(instruments);
+    }
+
+    fn publish_signals(&mut self, signals: &Signals) {
+        self.ports.publish_signals(signals);
     }
 
     fn publish_bus_cycle(&mut self, cycle: &BusCycle) {

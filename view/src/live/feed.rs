@@ -24,7 +24,9 @@ use super::timing::listen;
 use console::exit::Failure;
 use launcher::children::children_of;
 use launcher::retention::USAGE_FILE;
-use operator::{Client, held, machine_of_run, modes_behind, next_start, program_behind};
+use operator::{
+    Client, held, machine_of_run, modes_behind, next_start, program_behind, shown_signals,
+};
 
 /// Time between two looks at `/proc`.
 const PROC_EVERY: Duration = Duration::from_millis(500);
@@ -118,6 +120,13 @@ impl Feed {
         }
         if let Some(status) = ports.planner.newest(u64::MAX) {
             self.model.planner = Some(status);
+        }
+        if let Some(signals) = ports
+            .signals
+            .as_mut()
+            .and_then(|reader| reader.newest(u64::MAX))
+        {
+            self.model.signals = shown_signals(&self.machine, &signals);
         }
         // What belongs to a scan later than the newest feedback waits for the next look.
         let now = self.model.feedback.map_or(0, |feedback| feedback.scan);

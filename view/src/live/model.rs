@@ -12,7 +12,7 @@ use machine::{Machine, Process};
 use path::geometry::{AxisVector, Element, Feed, Shape};
 use path::kinematics::Kinematics;
 use program::{Modal, Program};
-use remote::state::{BusState, RunsState};
+use remote::state::{BusState, RunsState, SignalState};
 use report::contour;
 
 use super::axis::AxisView;
@@ -59,6 +59,8 @@ pub struct Model {
     pub axes: Vec<AxisView>,
     /// The fieldbus, where the cell has one and its page can be read.
     pub bus: Option<BusState>,
+    /// What named inputs and outputs show.
+    pub signals: Vec<SignalState>,
     /// What run directories take, where the launcher says so.
     pub runs: Option<RunsState>,
     /// The circle that is travelled.
@@ -106,6 +108,7 @@ impl Model {
             axes: machine.axes.iter().map(AxisView::of).collect(),
             bus: None,
             runs: None,
+            signals: Vec::new(),
             circle: CircleView::default(),
             trail: None,
             reversals: Reversals::default(),

@@ -2,7 +2,7 @@
 
 use bus::cell::CellError;
 use bus::port::Reader;
-use bus::sample::{AxisCommand, BusCycle, Feedback, Instruments, PlannerStatus, Roster};
+use bus::sample::{AxisCommand, BusCycle, Feedback, Instruments, PlannerStatus, Roster, Signals};
 use bus::service::{Bus, RECORDER_DEPTH_SCANS};
 use machine::{Machine, Process};
 
@@ -15,6 +15,8 @@ pub struct Ports {
     pub instruments: Reader<Instruments>,
     /// What the fieldbus does, of a cell that has one.
     pub bus_cycle: Option<Reader<BusCycle>>,
+    /// Named inputs and outputs, of a machine that has any.
+    pub signals: Option<Reader<Signals>>,
     /// Status of the planner.
     pub planner: Reader<PlannerStatus>,
     /// Who takes part.
@@ -36,6 +38,7 @@ impl Ports {
             commands: commands.collect::<Result<_, _>>()?,
             instruments: bus.instruments_reader(depth)?,
             bus_cycle: bus.bus_cycle_reader(depth)?,
+            signals: bus.signals_reader(1)?,
             planner: bus.planner_reader(1)?,
             roster: bus.roster_reader(16)?,
             // The last one: of a scan whose feedback comes, all the others do.

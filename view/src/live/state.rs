@@ -82,6 +82,7 @@ fn of(model: &Model) -> CellState {
             ..bus
         }),
         runs: model.runs.clone(),
+        signals: model.signals.clone(),
         readout,
         axes,
         processes: processes(model),

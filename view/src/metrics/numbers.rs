@@ -332,7 +332,7 @@ impl Numbers {
             }),
             now: Mutex::default(),
             progress_ratio: Number::default(),
-            trips: Default::default(),
+            trips: std::array::from_fn(|_| Count::default()),
             bus: BusNumbers::default(),
             axes: axes.collect(),
             processes: processes.collect(),

@@ -112,6 +112,7 @@ pub(super) fn shape(axes: usize) -> Shape {
         axes: (0..axes).map(|axis| format!("a{axis}")).collect(),
         period_scans: 8,
         has_bus: false,
+        has_signals: false,
     }
 }
 

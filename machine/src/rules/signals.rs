@@ -1,0 +1,196 @@
+//! Rules of `[[signal]]`, `[functions]` and `[axis.limit_switches]`: names are unique, each value has one source, each output one signal.
+
+use bus::sample::SIGNALS_MAX;
+
+use crate::machine::Machine;
+use crate::settings_file::Rules;
+use crate::signals::{Signal, SignalKind, SignalSource};
+
+const NAME_LENGTH_MAX: usize = 40;
+
+fn is_name(name: &str) -> bool {
+    let mut letters = name.bytes();
+    letters
+        .next()
+        .is_some_and(|first| first.is_ascii_lowercase())
+        && letters.all(|b| b.is_ascii_lowercase() || b.is_ascii_digit() || b == b'_')
+        && name.len() <= NAME_LENGTH_MAX
+}
+
+pub fn judge(rules: &mut Rules<'_>, machine: &Machine) {
+    if machine.signals.len() > SIGNALS_MAX {
+        let what = format!(
+            "is there {} times: at most {SIGNALS_MAX}",
+            machine.signals.len()
+        );
+        rules.say(&["signal"], None, &what);
+    }
+    for (index, signal) in machine.signals.iter().enumerate() {
+        let number = (index + 1).to_string();
+        let say = |rules: &mut Rules<'_>, path: &[&str], what: &str| {
+            let whole = [&["signal", number.as_str()], path].concat();
+            rules.say(&whole, None, what);
+        };
+        let before = machine.signals.get(..index).unwrap_or_default();
+        if !is_name(&signal.name) {
+            let what = format!(
+                "= {:?}: must be 1 to {NAME_LENGTH_MAX} lower-case letters, digits or underscores, a letter first",
+                signal.name
+            );
+            say(rules, &["name"], &what);
+        } else if before.iter().any(|other| other.name == signal.name) {
+            let what = format!("= {:?}: is there twice", signal.name);
+            say(rules, &["name"], &what);
+        }
+        for (key, value) in [("default", Some(signal.default)), ("lost", signal.lost)] {
+            let Some(value) = value.filter(|value| !signal.kind.can_show(*value)) else {
+                continue;
+            };
+            let kind = signal.kind.word();
+            say(
+                rules,
+                &[key],
+                &format!("= {value}: a signal of the kind {kind} cannot show it"),
+            );
+        }
+        if signal.inverted && signal.kind != SignalKind::Bool {
+            say(
+                rules,
+                &["inverted"],
+                "= true: goes with kind = \"bool\" alone",
+            );
+        }
+        if let Some(what) = wrong_source(machine, signal) {
+            say(rules, &["from"], &what);
+        }
+        if let Some(what) = wrong_sink(machine, signal, before) {
+            say(rules, &["to"], &what);
+        }
+    }
+    for (key, name, switch) in machine.functions.named() {
+        if let Some(what) = wrong_name(machine, name, switch) {
+            rules.say(&["functions", key], None, &what);
+        }
+    }
+    for (index, axis) in machine.axes.iter().enumerate() {
+        let at = Some((index, axis.name.as_str()));
+        let Some(switches) = &axis.limit_switches else {
+            continue;
+        };
+        for (key, name) in [
+            ("negative", &switches.negative),
+            ("positive", &switches.positive),
+        ] {
+            let wrong = name
+                .as_ref()
+                .and_then(|name| wrong_name(machine, name, true));
+            if let Some(what) = wrong {
+                rules.say(&["limit_switches", key], at, &what);
+            }
+        }
+    }
+}
+
+/// What is wrong with a function's signal.
+fn wrong_name(machine: &Machine, name: &str, switch: bool) -> Option<String> {
+    let Some(index) = machine.signal(name) else {
+        return Some(format!("= {name:?}: there is no [[signal]] of that name"));
+    };
+    let is_switch = machine.signals.get(index)?.kind == SignalKind::Bool;
+    match (switch, is_switch) {
+        (true, false) => Some(format!("= {name:?}: must be a switch (kind = \"bool\")")),
+        (false, true) => Some(format!(
+            "= {name:?}: must be a number (kind = \"int\" or \"float\")"
+        )),
+        _ => None,
+    }
+}
+
+/// Whether a place on the cable, or a drive, is not one of the machine, with what belongs to it.
+fn wrong_device(
+    machine: &Machine,
+    (drive, bit): (&Option<String>, Option<u32>),
+    (terminal, channel): (Option<u32>, Option<u32>),
+) -> Option<String> {
+    if drive.is_some() != bit.is_some() {
+        return Some("has drive and bit together: the axis, and the bit of its drive".into());
+    }
+    if terminal.is_some() != channel.is_some() {
+        return Some(
+            "has terminal and channel together: the place on the cable, and the channel there"
+                .into(),
+        );
+    }
+    if let Some(name) = drive
+        && let Err(what) = machine.axis_index(name)
+    {
+        return Some(what);
+    }
+    let (Some(place), Some(bus)) = (terminal, &machine.bus) else {
+        return None;
+    };
+    (!bus.other_slaves.contains(&place))
+        .then(|| format!("names terminal {place}, which is not in [bus] other_slaves"))
+}
+
+fn wrong_source(machine: &Machine, signal: &Signal) -> Option<String> {
+    let from = &signal.from;
+    if from.count() != 1 {
+        return Some(
+            "must name one source: drive and bit, terminal and channel, output, analog_output, state, or by".into(),
+        );
+    }
+    if from.output.is_some() && signal.kind != SignalKind::Bool {
+        return Some("output is a switch: kind = \"bool\"".into());
+    }
+    let device = (&from.drive, from.bit);
+    wrong_device(machine, device, (from.terminal, from.channel))
+}
+
+fn wrong_sink(machine: &Machine, signal: &Signal, before: &[Signal]) -> Option<String> {
+    let to = signal.to.as_ref()?;
+    let device = (&to.drive, to.bit);
+    if let Some(what) = wrong_device(machine, device, (to.terminal, to.channel)) {
+        return Some(what);
+    }
+    let outward = to.drive.is_some() || to.terminal.is_some();
+    if outward && signal.from.is_outside() {
+        return Some("goes to a device, and comes from one: an input is no output".into());
+    }
+    if to.input.is_some() && signal.kind != SignalKind::Bool {
+        return Some("input is a switch: kind = \"bool\"".into());
+    }
+    let same = |other: &&Signal| {
+        other.to.as_ref().is_some_and(|other| {
+            let at_drive = to.drive.is_some() && (&to.drive, to.bit) == (&other.drive, other.bit);
+            let at_terminal = to.terminal.is_some()
+                && (to.terminal, to.channel) == (other.terminal, other.channel);
+            let at_input = to.input.is_some() && to.input == other.input;
+            let at_analog = to.analog_input.is_some() && to.analog_input == other.analog_input;
+            at_drive || at_terminal || at_input || at_analog
+        })
+    };
+    let other = before.iter().find(same)?;
+    Some(format!(
+        "is where {:?} goes already: one place, one signal",
+        other.name
+    ))
+}
+
+impl SignalSource {
+    /// In words: `drive X bit 4`.
+    pub fn words(&self) -> String {
+        if let (Some(drive), Some(bit)) = (&self.drive, self.bit) {
+            return format!("drive {drive}, bit {bit}");
+        }
+        if let (Some(terminal), Some(channel)) = (self.terminal, self.channel) {
+            return format!("terminal {terminal}, channel {channel}");
+        }
+        match (self.output, self.analog_output, self.state, self.by) {
+            (Some(output), ..) => format!("the program (M64 P{output})"),
+            (_, Some(output), ..) => format!("the program (M68 E{output})"),
+            (_, _, Some(_), _) => "the controller".into(),
+            _ => "the operator".into(),
+        }
+    }
+}

@@ -1,0 +1,258 @@
+//! `[[signal]]` and `[functions]`: named inputs and outputs of the machine, and what the controller itself does with them
+//! (docs/howto/signals.md).
+
+use bus::sample::{ANALOG_INPUTS, ANALOG_OUTPUTS, DIGITAL_INPUTS, DIGITAL_OUTPUTS};
+use schemars::JsonSchema;
+use serde::Deserialize;
+
+use crate::machine::Machine;
+
+/// A named input or output of the machine: one value, from one source, for any number of readers.
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
+pub struct Signal {
+    /// Its name: lower-case letters, digits and underscores, a letter first.
+    pub name: String,
+    /// What it can show.
+    #[schemars(extend("default" = "bool"))]
+    pub kind: SignalKind,
+    /// Unit in which a number is shown, such as `bar`.
+    #[schemars(extend("default" = ""))]
+    pub unit: String,
+    /// Value until its source has said one; 0 or 1 of a switch.
+    #[schemars(extend("minimum" = -1_000_000_000, "maximum" = 1_000_000_000, "default" = 0.0))]
+    pub default: f64,
+    /// Value while its source is lost, in place of `default`: a wire that is cut, a terminal or a process that does not answer. Of an
+    /// output it is what the device shows when nobody commands it any more.
+    #[schemars(extend("minimum" = -1_000_000_000, "maximum" = 1_000_000_000))]
+    pub lost: Option<f64>,
+    /// The other way round: a switch that shows 1 for off.
+    #[schemars(extend("default" = false))]
+    pub inverted: bool,
+    /// Where its value comes from.
+    pub from: SignalSource,
+    /// Where it goes, beside those who read it by its name.
+    pub to: Option<SignalSink>,
+}
+
+/// What a signal can show.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum SignalKind {
+    /// A switch: 0 or 1.
+    Bool,
+    /// A whole number.
+    Int,
+    /// A number.
+    Float,
+}
+
+impl SignalKind {
+    /// Whether a signal of this kind can show this value.
+    pub fn can_show(self, value: f64) -> bool {
+        match self {
+            SignalKind::Bool => value == 0.0 || value == 1.0,
+            SignalKind::Int => value.is_finite() && value.fract() == 0.0,
+            SignalKind::Float => value.is_finite(),
+        }
+    }
+
+    /// The nearest value that it can show, to what a source says; none of what is no number.
+    pub fn nearest(self, value: f64) -> Option<f64> {
+        if !value.is_finite() {
+            return None;
+        }
+        Some(match self {
+            SignalKind::Bool => f64::from(u8::from(value != 0.0)),
+            SignalKind::Int => value.round(),
+            SignalKind::Float => value,
+        })
+    }
+
+    /// Its word in the machine file.
+    pub fn word(self) -> &'static str {
+        match self {
+            SignalKind::Bool => "bool",
+            SignalKind::Int => "int",
+            SignalKind::Float => "float",
+        }
+    }
+}
+
+/// Where the value of a signal comes from: exactly one of them. Where drives are simulated, the
+/// [plant file](plant-file.md#contact) says what a drive or terminal shows.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Deserialize, JsonSchema)]
+pub struct SignalSource {
+    /// Axis whose drive has the input, `bit` of its digital inputs (object 60FD).
+    pub drive: Option<String>,
+    /// The bit of the drive.
+    #[schemars(extend("minimum" = 0, "maximum" = 31))]
+    pub bit: Option<u32>,
+    /// Place on the cable, from 0, of the terminal that has the input, and its `channel`.
+    #[schemars(extend("minimum" = 0, "maximum" = 15))]
+    pub terminal: Option<u32>,
+    /// The channel of the terminal, from 1.
+    #[schemars(extend("minimum" = 1, "maximum" = 256))]
+    pub channel: Option<u32>,
+    /// Digital output of programs, M62 to M65 P.
+    #[schemars(extend("minimum" = 0, "maximum" = DIGITAL_OUTPUTS - 1))]
+    pub output: Option<u32>,
+    /// Analogue output of programs, M67 and M68 E.
+    #[schemars(extend("minimum" = 0, "maximum" = ANALOG_OUTPUTS - 1))]
+    pub analog_output: Option<u32>,
+    /// What the controller itself commands or is.
+    pub state: Option<MachineState>,
+    /// Who sets it.
+    pub by: Option<SetBy>,
+}
+
+/// Who sets a signal that no device shows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum SetBy {
+    /// The operator, by `quadrant signal set`.
+    Operator,
+}
+
+/// What the controller commands or is, as the source of a signal.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum MachineState {
+    /// The spindle is commanded to turn clockwise (M3).
+    SpindleClockwise,
+    /// It is commanded to turn counter-clockwise (M4).
+    SpindleCounterClockwise,
+    /// Commanded speed of the spindle, in rev/min, without its sign.
+    SpindleSpeed,
+    /// It is commanded to stand at an angle (M19).
+    SpindleOrient,
+    /// Coolant as mist (M7).
+    Mist,
+    /// Coolant as flood (M8).
+    Flood,
+    /// Number of the tool that is to be in the spindle.
+    ToolWanted,
+    /// Number of the tool that is to be ready for the next change.
+    ToolPrepared,
+    /// The drives are on.
+    DrivesOn,
+    /// A program runs and is not held.
+    ProgramRuns,
+    /// The machine has tripped.
+    Tripped,
+}
+
+/// Where a signal goes, one or several of them.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Deserialize, JsonSchema)]
+pub struct SignalSink {
+    /// Axis whose drive has the output, `bit` of its digital outputs (object 60FE:1).
+    pub drive: Option<String>,
+    /// The bit of the drive: 0 is the brake, 16 and above what the drive's maker leaves to the user.
+    #[schemars(extend("minimum" = 0, "maximum" = 31))]
+    pub bit: Option<u32>,
+    /// Place on the cable, from 0, of the terminal that has the output, and its `channel`.
+    #[schemars(extend("minimum" = 0, "maximum" = 15))]
+    pub terminal: Option<u32>,
+    /// The channel of the terminal, from 1.
+    #[schemars(extend("minimum" = 1, "maximum" = 256))]
+    pub channel: Option<u32>,
+    /// Digital input of programs, M66 P.
+    #[schemars(extend("minimum" = 0, "maximum" = DIGITAL_INPUTS - 1))]
+    pub input: Option<u32>,
+    /// Analogue input of programs, M66 E.
+    #[schemars(extend("minimum" = 0, "maximum" = ANALOG_INPUTS - 1))]
+    pub analog_input: Option<u32>,
+}
+
+impl SignalSource {
+    /// Whether a device outside the controller has it.
+    pub fn is_outside(&self) -> bool {
+        self.drive.is_some() || self.terminal.is_some()
+    }
+
+    /// How many sources it names.
+    pub(crate) fn count(&self) -> usize {
+        let named = [
+            self.drive.is_some(),
+            self.terminal.is_some(),
+            self.output.is_some(),
+            self.analog_output.is_some(),
+            self.state.is_some(),
+            self.by.is_some(),
+        ];
+        named.into_iter().filter(|named| *named).count()
+    }
+}
+
+/// Signals that the controller itself acts on. Each is the name of a `[[signal]]`; none need be named. **These are no safety functions**:
+/// what protects people stays in hardware ([safety](../howto/signals.md#no-safety-function)).
+#[derive(Debug, Clone, PartialEq, Eq, Default, Deserialize, JsonSchema)]
+pub struct Functions {
+    /// A switch, 1 while the emergency-stop chain is closed. Open, or its wire lost: the machine brakes at its limits and trips; `enable`
+    /// is refused until it is closed.
+    pub emergency_stop: Option<String>,
+    /// A switch, 1 while drives may be on. Off: the machine brakes and trips; `enable` is refused.
+    pub drives_may: Option<String>,
+    /// A switch, 1 while doors and guards are closed. Open: feed hold, spindle at rest; `start`, `resume` and motions by hand are refused.
+    pub door: Option<String>,
+    /// Switches that must show 1 for a program to be started or resumed (air, hydraulics, lubrication, a clamped workpiece). One that goes
+    /// off while a program runs holds it.
+    #[schemars(length(max = 16), extend("default" = []))]
+    pub ready: Vec<String>,
+    /// A button: pressed, the loaded program is started, or goes on from a hold.
+    pub cycle_start: Option<String>,
+    /// A button: pressed, feed hold.
+    pub feed_hold: Option<String>,
+    /// A number, the override of the feed in percent; it takes the place of what the operator has ordered.
+    pub feed_override: Option<String>,
+    /// A number, the override of rapids in percent.
+    pub rapid_override: Option<String>,
+    /// A switch, 1 while the touch probe is in contact.
+    pub probe: Option<String>,
+    /// A switch, 1 while the spindle turns at its commanded speed; with a bus it is what M3 waits for.
+    pub spindle_at_speed: Option<String>,
+    /// A number, the speed that the spindle shows in rev/min, without its sign.
+    pub spindle_speed: Option<String>,
+    /// A number, the tool that the changer shows in the spindle.
+    pub tool_in_spindle: Option<String>,
+}
+
+impl Functions {
+    /// Each function that is named, by its key, with the name of its signal and whether it wants a switch.
+    pub fn named(&self) -> impl Iterator<Item = (&'static str, &str, bool)> {
+        let single = [
+            ("emergency_stop", &self.emergency_stop, true),
+            ("drives_may", &self.drives_may, true),
+            ("door", &self.door, true),
+            ("cycle_start", &self.cycle_start, true),
+            ("feed_hold", &self.feed_hold, true),
+            ("feed_override", &self.feed_override, false),
+            ("rapid_override", &self.rapid_override, false),
+            ("probe", &self.probe, true),
+            ("spindle_at_speed", &self.spindle_at_speed, true),
+            ("spindle_speed", &self.spindle_speed, false),
+            ("tool_in_spindle", &self.tool_in_spindle, false),
+        ];
+        let single = single
+            .into_iter()
+            .filter_map(|(key, name, switch)| Some((key, name.as_deref()?, switch)));
+        let ready = self.ready.iter();
+        single.chain(ready.map(|name| ("ready", name.as_str(), true)))
+    }
+}
+
+/// Switches at the ends of an axis, 1 while the axis is not on them (normally closed: a wire that is cut counts as the switch). On one, the
+/// machine brakes at its limits and trips; afterwards the axis moves only off it.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Deserialize, JsonSchema)]
+pub struct LimitSwitches {
+    /// Signal of the one at the end of low positions.
+    pub negative: Option<String>,
+    /// Signal of the one at the end of high positions.
+    pub positive: Option<String>,
+}
+
+impl Machine {
+    /// Index of the signal of this name.
+    pub fn signal(&self, name: &str) -> Option<usize> {
+        self.signals.iter().position(|signal| signal.name == name)
+    }
+}

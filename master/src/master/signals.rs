@@ -1,0 +1,512 @@
+//! Named inputs and outputs: each scan the value of each from its source, and what the controller does with them (docs/howto/signals.md).
+
+use bus::sample::{
+    Cause, FLOOD, Levels, MIST, Mode, OperatorRequest, Order, Refused, Signals, SpindleCommand,
+};
+use bytemuck::Zeroable;
+use machine::{Machine, MachineState, SetBy, Signal, SignalKind};
+
+use super::orders::Refusal;
+use super::{Master, STANDSTILL_MM_S};
+use crate::drives::{AuxiliaryFeedback, Drives, InputFeedback};
+use crate::saved::{HELD_SIGNALS_MAX, HeldSignal, SignalLatches};
+
+/// Where a signal's value comes from.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Source {
+    Device,
+    Output(u32),
+    AnalogOutput(usize),
+    State(MachineState),
+    Operator,
+}
+
+/// One signal, as it is worked out in each scan.
+#[derive(Debug, Clone, Copy)]
+struct Planned {
+    kind: SignalKind,
+    default: f64,
+    /// Value while its source is lost.
+    lost: f64,
+    inverted: bool,
+    source: Source,
+    /// Inputs of programs that it is.
+    input: Option<u32>,
+    analog_input: Option<u32>,
+}
+
+impl Planned {
+    fn of(signal: &Signal) -> Planned {
+        let from = &signal.from;
+        let source = match (from.output, from.analog_output, from.state, from.by) {
+            (Some(output), ..) => Source::Output(output),
+            (_, Some(output), ..) => Source::AnalogOutput(output as usize),
+            (_, _, Some(state), _) => Source::State(state),
+            (_, _, _, Some(SetBy::Operator)) => Source::Operator,
+            _ => Source::Device,
+        };
+        let to = signal.to.as_ref();
+        Planned {
+            kind: signal.kind,
+            default: signal.default,
+            lost: signal.lost.unwrap_or(signal.default),
+            inverted: signal.inverted,
+            source,
+            input: to.and_then(|to| to.input),
+            analog_input: to.and_then(|to| to.analog_input),
+        }
+    }
+
+    /// What it shows of what its source says; none where its source is lost.
+    fn shown(&self, said: Option<f64>) -> Option<f64> {
+        let value = self.kind.nearest(said?)?;
+        Some(if self.inverted { 1.0 - value } else { value })
+    }
+}
+
+/// The functions of the controller, by the index of their signal.
+#[derive(Debug, Clone, Default)]
+struct Functions {
+    emergency_stop: Option<usize>,
+    drives_may: Option<usize>,
+    door: Option<usize>,
+    ready: Vec<usize>,
+    cycle_start: Option<usize>,
+    feed_hold: Option<usize>,
+    feed_override: Option<usize>,
+    rapid_override: Option<usize>,
+    probe: Option<usize>,
+    spindle_at_speed: Option<usize>,
+    spindle_speed: Option<usize>,
+    tool_in_spindle: Option<usize>,
+    /// Of each axis, the switch at its low end and at its high end.
+    limits: Vec<[Option<usize>; 2]>,
+}
+
+impl Functions {
+    fn of(machine: &Machine) -> Functions {
+        let named = &machine.functions;
+        let index = |name: &Option<String>| machine.signal(name.as_deref()?);
+        let limits = machine.axes.iter().map(|axis| {
+            let switches = axis.limit_switches.as_ref();
+            [
+                switches.and_then(|switches| index(&switches.negative)),
+                switches.and_then(|switches| index(&switches.positive)),
+            ]
+        });
+        Functions {
+            emergency_stop: index(&named.emergency_stop),
+            drives_may: index(&named.drives_may),
+            door: index(&named.door),
+            ready: named
+                .ready
+                .iter()
+                .filter_map(|name| machine.signal(name))
+                .collect(),
+            cycle_start: index(&named.cycle_start),
+            feed_hold: index(&named.feed_hold),
+            feed_override: index(&named.feed_override),
+            rapid_override: index(&named.rapid_override),
+            probe: index(&named.probe),
+            spindle_at_speed: index(&named.spindle_at_speed),
+            spindle_speed: index(&named.spindle_speed),
+            tool_in_spindle: index(&named.tool_in_spindle),
+            limits: limits.collect(),
+        }
+    }
+}
+
+/// All of them.
+#[derive(Debug, Clone)]
+pub(super) struct NamedSignals {
+    planned: Vec<Planned>,
+    functions: Functions,
+    latches: SignalLatches,
+    shown: Box<Signals>,
+    /// Buttons in the scan before: cycle start, feed hold.
+    pressed: [bool; 2],
+    /// Overrides in the scan before, of feed and rapids.
+    turned: [Option<f64>; 2],
+    /// Limit switches that axes were on in the scan before, a bit each: the low ends, the high ends.
+    on_limit: [u64; 2],
+}
+
+impl NamedSignals {
+    pub fn new(machine: &Machine) -> NamedSignals {
+        let mut shown = Box::new(Signals::zeroed());
+        let planned: Vec<Planned> = machine.signals.iter().map(Planned::of).collect();
+        shown.count = planned.len() as u32;
+        for (value, planned) in shown.values.iter_mut().zip(&planned) {
+            *value = planned.default;
+        }
+        NamedSignals {
+            functions: Functions::of(machine),
+            planned,
+            latches: SignalLatches::default(),
+            shown,
+            // What is pressed from the beginning is no press.
+            pressed: [true; 2],
+            turned: [None; 2],
+            on_limit: [0; 2],
+        }
+    }
+
+    /// Goes on where a master before this one left.
+    pub fn resume(&mut self, latches: &SignalLatches) {
+        let sound = |held: &HeldSignal| held.of == 0 || held.value.is_finite();
+        if latches.held.iter().all(sound) {
+            self.latches = *latches;
+        }
+    }
+
+    /// What must outlive this master.
+    pub fn latches(&self) -> SignalLatches {
+        self.latches
+    }
+
+    /// What an operator holds a signal at.
+    fn held(&self, index: usize) -> Option<&HeldSignal> {
+        let of = index as u32 + 1;
+        self.latches.held.iter().find(|held| held.of == of)
+    }
+
+    fn show(&mut self, index: usize, said: Option<f64>) {
+        let Some(planned) = self.planned.get(index) else {
+            return;
+        };
+        let value = planned.shown(said);
+        let is_lost = value.is_none();
+        let value = value.unwrap_or(planned.lost);
+        let forced = self.held(index).filter(|held| held.forced == 1);
+        let forced = forced.map(|held| held.value);
+        self.shown.lost.set(index, is_lost);
+        self.shown.forced.set(index, forced.is_some());
+        if let Some(slot) = self.shown.values.get_mut(index) {
+            *slot = forced.unwrap_or(value);
+        }
+    }
+
+    /// What the controller commands and is, in the scan that begins.
+    pub fn command(&mut self, levels: &Levels, (mode, held): (Mode, bool)) {
+        for index in 0..self.planned.len() {
+            let Some(planned) = self.planned.get(index) else {
+                continue;
+            };
+            let said = match planned.source {
+                Source::Device => continue,
+                Source::Output(output) => {
+                    Some((levels.digital.checked_shr(output).unwrap_or(0) & 1) as f64)
+                }
+                Source::AnalogOutput(output) => levels.analog.get(output).copied(),
+                Source::State(state) => Some(value_of(state, levels, mode, held)),
+                Source::Operator => {
+                    Some(self.held(index).map_or(planned.default, |held| held.value))
+                }
+            };
+            self.show(index, said);
+        }
+    }
+
+    /// What devices show at the end of the scan.
+    pub fn take(&mut self, drives: &impl Drives, scan: u64) {
+        for index in 0..self.planned.len() {
+            if self.planned.get(index).map(|planned| planned.source) == Some(Source::Device) {
+                self.show(index, drives.signal(index));
+            }
+        }
+        self.shown.scan = scan;
+        self.shown.visible_from = scan + 1;
+    }
+
+    /// What observers see; none without signals.
+    pub fn shown(&self) -> Option<&Signals> {
+        (!self.planned.is_empty()).then_some(&*self.shown)
+    }
+
+    /// The value of each.
+    pub fn values(&self) -> &[f64] {
+        self.shown.values()
+    }
+
+    fn value(&self, index: Option<usize>) -> Option<f64> {
+        self.shown.values.get(index?).copied()
+    }
+
+    /// Whether a switch that is to be on is not.
+    fn is_off(&self, index: Option<usize>) -> bool {
+        self.value(index) == Some(0.0)
+    }
+
+    /// Inputs of programs, and the probe, that are signals.
+    pub fn give_inputs(&self, shown: &mut InputFeedback) {
+        for (planned, value) in self.planned.iter().zip(self.values()) {
+            if let Some(bit) = planned.input.and_then(|input| 1u64.checked_shl(input)) {
+                shown.digital &= !bit;
+                if *value != 0.0 {
+                    shown.digital |= bit;
+                }
+            }
+            let analog = planned.analog_input;
+            if let Some(slot) = analog.and_then(|input| shown.analog.get_mut(input as usize)) {
+                *slot = *value;
+            }
+        }
+        if let Some(contact) = self.value(self.functions.probe) {
+            shown.contact = contact != 0.0;
+        }
+    }
+
+    /// What signals say of spindle and tool changer.
+    pub fn give_auxiliary(&self, levels: &Levels, shown: &mut AuxiliaryFeedback) {
+        let commanded_rpm = match SpindleCommand::from_wire(levels.spindle) {
+            SpindleCommand::Turn => levels.spindle_rpm,
+            _ => 0.0,
+        };
+        if let Some(speed_rpm) = self.value(self.functions.spindle_speed) {
+            shown.spindle_rpm = libm::copysign(speed_rpm, commanded_rpm);
+        } else if let Some(at_speed) = self.value(self.functions.spindle_at_speed) {
+            shown.spindle_rpm = if at_speed != 0.0 { commanded_rpm } else { 0.0 };
+        }
+        if let Some(tool) = self.value(self.functions.tool_in_spindle)
+            && (0.0..=f64::from(u32::MAX)).contains(&tool)
+        {
+            shown.tool = tool as u32;
+        }
+    }
+
+    /// Which of two buttons, cycle start and feed hold, has been pressed since the scan before.
+    fn take_pressed(&mut self) -> [bool; 2] {
+        let buttons = [self.functions.cycle_start, self.functions.feed_hold];
+        let now = buttons.map(|button| self.value(button) == Some(1.0));
+        let [was_start, was_hold] = std::mem::replace(&mut self.pressed, now);
+        [now[0] && !was_start, now[1] && !was_hold]
+    }
+
+    /// Overrides of feed and rapids that have been turned since the scan before.
+    fn take_turned(&mut self) -> [Option<f64>; 2] {
+        let knobs = [self.functions.feed_override, self.functions.rapid_override];
+        let now = knobs.map(|knob| self.value(knob).map(libm::round));
+        let before = std::mem::replace(&mut self.turned, now);
+        [0, 1].map(|knob| now[knob].filter(|value| before[knob] != Some(*value)))
+    }
+
+    /// Notes whether the axis is on the switch at its end in this direction; whether it came onto it since the scan before.
+    fn note_limit(&mut self, axis: usize, direction: i64, is_on: bool) -> bool {
+        let [negative, positive] = &mut self.on_limit;
+        let ends = if direction > 0 { positive } else { negative };
+        let bit = 1u64.checked_shl(axis as u32).unwrap_or(0);
+        let came = is_on && *ends & bit == 0;
+        *ends = if is_on { *ends | bit } else { *ends & !bit };
+        came
+    }
+
+    /// Whether the axis is on the switch at its end in this direction.
+    fn is_on_limit(&self, axis: usize, direction: i64) -> bool {
+        let switches = self.functions.limits.get(axis).copied().unwrap_or_default();
+        let [negative, positive] = switches;
+        match direction.signum() {
+            1 => self.is_off(positive),
+            -1 => self.is_off(negative),
+            _ => false,
+        }
+    }
+
+    /// Why drives must be off.
+    fn keeps_drives_off(&self) -> Option<(Cause, Refused)> {
+        if self.is_off(self.functions.emergency_stop) {
+            return Some((Cause::EmergencyStopChain, Refused::EmergencyStopOpen));
+        }
+        let off = self.is_off(self.functions.drives_may);
+        off.then_some((Cause::DrivesNotAllowed, Refused::DrivesNotAllowed))
+    }
+
+    fn door_is_open(&self) -> bool {
+        self.is_off(self.functions.door)
+    }
+
+    /// Index of the first signal of [`machine::Functions::ready`] that is off.
+    fn not_ready(&self) -> Option<usize> {
+        let ready = self.functions.ready.iter().copied();
+        ready.into_iter().find(|index| self.is_off(Some(*index)))
+    }
+
+    /// Holds a signal at a value: one that the operator sets, or any.
+    pub fn hold(&mut self, request: &OperatorRequest, forced: bool) -> Result<(), Refusal> {
+        let planned = self.planned.get(request.axis as usize);
+        let planned = planned.ok_or(Refused::UnknownSignal)?;
+        if !forced && planned.source != Source::Operator {
+            return Err(Refused::NotOperators.into());
+        }
+        if !planned.kind.can_show(request.value) {
+            return Err(Refused::BadValue.into());
+        }
+        let of = request.axis.saturating_add(1);
+        let held = &mut self.latches.held;
+        let place = held.iter().position(|held| held.of == of);
+        let place = place.or_else(|| held.iter().position(|held| held.of == 0));
+        let place = place.and_then(|place| held.get_mut(place));
+        *place.ok_or(Refused::SignalsHeld)? = HeldSignal {
+            value: request.value,
+            of,
+            forced: u32::from(forced),
+        };
+        Ok(())
+    }
+
+    /// A forced signal follows its source again.
+    pub fn let_go(&mut self, request: &OperatorRequest) -> Result<(), Refusal> {
+        if request.axis as usize >= self.planned.len() {
+            return Err(Refused::UnknownSignal.into());
+        }
+        let of = request.axis.saturating_add(1);
+        for held in &mut self.latches.held {
+            if held.of == of && held.forced == 1 {
+                *held = HeldSignal::default();
+            }
+        }
+        Ok(())
+    }
+}
+
+/// What the controller commands or is, as a number.
+fn value_of(state: MachineState, levels: &Levels, mode: Mode, held: bool) -> f64 {
+    let spindle = SpindleCommand::from_wire(levels.spindle);
+    let turns = matches!(spindle, SpindleCommand::Turn | SpindleCommand::Follow);
+    let is = match state {
+        MachineState::SpindleClockwise => turns && levels.spindle_rpm > 0.0,
+        MachineState::SpindleCounterClockwise => turns && levels.spindle_rpm < 0.0,
+        MachineState::SpindleSpeed => {
+            return if turns { levels.spindle_rpm.abs() } else { 0.0 };
+        }
+        MachineState::SpindleOrient => spindle == SpindleCommand::Orient,
+        MachineState::Mist => levels.coolant & MIST != 0,
+        MachineState::Flood => levels.coolant & FLOOD != 0,
+        MachineState::ToolWanted => return f64::from(levels.tool),
+        MachineState::ToolPrepared => return f64::from(levels.tool_prepared),
+        MachineState::DrivesOn => mode != Mode::Disabled,
+        MachineState::ProgramRuns => mode == Mode::Enabled && !held,
+        MachineState::Tripped => mode == Mode::Tripped,
+    };
+    f64::from(u8::from(is))
+}
+
+impl<D: Drives> Master<D> {
+    /// Named inputs and outputs at the end of the last exchange; none where the machine has none.
+    pub fn signals(&self) -> Option<&Signals> {
+        self.signals.shown()
+    }
+
+    /// What goes to devices in this scan.
+    pub(super) fn command_signals(&mut self, levels: &Levels) {
+        let state = (self.mode(), self.modes.is_held());
+        self.signals.command(levels, state);
+        if self.signals.shown().is_some() {
+            self.drives.command_signals(self.signals.values());
+        }
+    }
+
+    /// What inputs say stops the machine, before anything else is decided in this scan.
+    pub(super) fn heed_signals(&mut self) {
+        if self.signals.shown().is_none() {
+            return;
+        }
+        let driven = !matches!(self.mode(), Mode::Disabled | Mode::Tripped);
+        if let Some((cause, _)) = self.signals.keeps_drives_off() {
+            self.switching_on.cancel();
+            if driven {
+                self.trip(cause, u32::MAX);
+            }
+        }
+        self.heed_limit_switches();
+        let door = self.signals.door_is_open();
+        if door {
+            self.auxiliary.rest_for_door();
+            if self.mode() == Mode::Jogging {
+                self.rest_all_by_hand();
+            }
+        }
+        if (door || self.signals.not_ready().is_some()) && self.program.is_running() {
+            self.modes.hold();
+        }
+        let [feed, rapid] = self.signals.take_turned();
+        if let Some(percent) = feed {
+            self.modes.turn_override(percent);
+        }
+        if let Some(percent) = rapid {
+            // Within the range nothing refuses it.
+            let _ = self.auxiliary.override_rapids(percent.clamp(0.0, 100.0));
+        }
+        let [start, hold] = self.signals.take_pressed();
+        let order = match (hold, start, self.program.is_running()) {
+            (true, ..) => Order::Hold,
+            (false, true, true) => Order::Resume,
+            (false, true, false) => Order::Start,
+            (false, false, _) => return,
+        };
+        self.order(&OperatorRequest::of(order));
+    }
+
+    /// An axis that comes onto the switch at its end, or goes further onto it, stops the machine.
+    fn heed_limit_switches(&mut self) {
+        let driven = !matches!(self.mode(), Mode::Disabled | Mode::Tripped);
+        let mut hit = None;
+        for (index, axis) in self.axes.iter().enumerate() {
+            let velocity_mm_s = axis.velocity_mm_s();
+            for direction in [-1, 1] {
+                let is_on = self.signals.is_on_limit(index, direction);
+                let along_mm_s = velocity_mm_s * direction as f64;
+                let came = self.signals.note_limit(index, direction, is_on);
+                let goes_on = along_mm_s > STANDSTILL_MM_S;
+                // A switch that bounces while the axis comes off it is no reason to stop.
+                let comes_on = came && along_mm_s > -STANDSTILL_MM_S;
+                if is_on && (goes_on || comes_on) {
+                    hit.get_or_insert(index);
+                }
+            }
+        }
+        if let Some(axis) = hit.filter(|_| driven) {
+            self.trip(Cause::LimitSwitch, axis as u32);
+        }
+    }
+
+    /// Why no program may move the machine, or the hand, as signals say.
+    pub(super) fn signals_allow(&self, program: bool) -> Result<(), Refusal> {
+        if self.signals.door_is_open() {
+            return Err(Refused::DoorOpen.into());
+        }
+        if !program {
+            return Ok(());
+        }
+        if let Some(index) = self.signals.not_ready() {
+            return Err(Refusal {
+                axis: index as u32,
+                ..Refused::SignalOff.into()
+            });
+        }
+        let on_limit = |index: usize| {
+            self.signals.is_on_limit(index, 1) || self.signals.is_on_limit(index, -1)
+        };
+        if (0..self.axes.len()).any(on_limit) {
+            return Err(Refused::OnLimitSwitch.into());
+        }
+        Ok(())
+    }
+
+    /// Whether an axis may be moved by hand in this direction.
+    pub(super) fn limits_allow(&self, axis: usize, way: i64) -> Result<(), Refusal> {
+        if self.signals.is_on_limit(axis, way) {
+            return Err(Refused::OnLimitSwitch.into());
+        }
+        Ok(())
+    }
+
+    /// Why drives may not be switched on.
+    pub(super) fn drives_may(&self) -> Result<(), Refusal> {
+        match self.signals.keeps_drives_off() {
+            Some((_, refused)) => Err(refused.into()),
+            None => Ok(()),
+        }
+    }
+}
+
+const _: () = assert!(HELD_SIGNALS_MAX <= bus::sample::SIGNALS_MAX);

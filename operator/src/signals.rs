@@ -1,0 +1,145 @@
+//! `signal`: the named inputs and outputs of a running cell, shown, set and forced.
+
+use anyhow::anyhow;
+use bus::sample::{OperatorRequest, Order, Signals};
+use console::exit::{Failure, Outcome};
+use console::output::{joined, say};
+use machine::{Machine, Signal, SignalKind};
+use remote::state::SignalState;
+
+use super::client::{Client, soon_held};
+use crate::eyes::Eyes;
+use crate::options::{SignalChangeOptions, SignalOptions};
+
+/// What the signals of a machine show, in the order of its file.
+pub fn shown(machine: &Machine, signals: &Signals) -> Vec<SignalState> {
+    let values = machine.signals.iter().zip(signals.values());
+    let state = |(index, (signal, value)): (usize, (&Signal, &f64))| SignalState {
+        name: signal.name.clone(),
+        kind: signal.kind.word().into(),
+        value: *value,
+        unit: signal.unit.clone(),
+        source: signal.from.words(),
+        lost: signals.lost.has(index),
+        forced: signals.forced.has(index),
+    };
+    values.enumerate().map(state).collect()
+}
+
+/// A value in words: of a switch on or off, of a number with its unit.
+pub fn value_words(state: &SignalState) -> String {
+    let value = match state.kind.as_str() {
+        "bool" if state.value != 0.0 => "on".into(),
+        "bool" => "off".into(),
+        _ if state.unit.is_empty() => monitor::words::shown(state.value, 6),
+        _ => format!("{} {}", monitor::words::shown(state.value, 6), state.unit),
+    };
+    match (state.forced, state.lost) {
+        (true, _) => format!("{value}, forced"),
+        (_, true) => format!("{value}, its source is lost"),
+        _ => value,
+    }
+}
+
+/// A line for each.
+fn table(states: &[SignalState]) -> String {
+    let widest = |of: fn(&SignalState) -> usize| states.iter().map(of).max().unwrap_or(0);
+    let name_width = widest(|state| state.name.len());
+    let value_width = widest(|state| value_words(state).len());
+    let line = |state: &SignalState| {
+        let (name, value) = (&state.name, value_words(state));
+        format!(
+            "{name:<name_width$}  {value:<value_width$}  {}",
+            state.source
+        )
+    };
+    joined(states.iter().map(line), "\n")
+}
+
+/// `signal`.
+pub fn signal(options: &SignalOptions) -> Outcome {
+    let cell = options.cell.as_deref();
+    let (name, value, order) = match &options.change {
+        None | Some(SignalChangeOptions::List) => {
+            let client = Client::find(cell, "signals")?;
+            let states = now(&client)?;
+            if options.json {
+                let json = serde_json::to_string_pretty(&states);
+                return json
+                    .map(|json| say(&json))
+                    .map_err(|error| Failure::Stopped(anyhow!(error)));
+            }
+            say(&table(&states));
+            return Ok(());
+        }
+        Some(SignalChangeOptions::Set { name, value }) => (name, value.as_str(), Order::Signal),
+        Some(SignalChangeOptions::Force { name, value }) => {
+            (name, value.as_str(), Order::SignalForce)
+        }
+        Some(SignalChangeOptions::Release { name }) => (name, "0", Order::SignalRelease),
+    };
+    let client = Client::to_order(cell)?;
+    let index = index_of(&client.machine, name)?;
+    let of = client.machine.signals.get(index);
+    let kind = of.map_or(SignalKind::Float, |signal| signal.kind);
+    let request = OperatorRequest {
+        axis: index as u32,
+        value: value_of(name, kind, value)?,
+        ..OperatorRequest::default()
+    };
+    client.ask(order, request)?;
+    let mut eyes = Eyes::open(&client)?;
+    // What was ordered shows in the scan after the order.
+    eyes.look()?;
+    let states = now(&client)?;
+    let words = states.get(index).map(value_words).unwrap_or_default();
+    client.say(&format!("{name} is {words}"));
+    Ok(())
+}
+
+/// What the cell's signals show now.
+fn now(client: &Client) -> Result<Vec<SignalState>, Failure> {
+    let mut reader = soon_held(&client.cell, || client.bus.signals_reader(1))?;
+    let Some(reader) = reader.as_mut() else {
+        return Ok(Vec::new());
+    };
+    let mut eyes = Eyes::open(client)?;
+    let scan = eyes.look()?.scan;
+    loop {
+        if let Some(signals) = reader
+            .newest(u64::MAX)
+            .filter(|signals| signals.scan > scan)
+        {
+            return Ok(shown(&client.machine, &signals));
+        }
+        eyes.look()?;
+        std::thread::sleep(super::client::LOOK);
+    }
+}
+
+fn index_of(machine: &Machine, name: &str) -> Result<usize, Failure> {
+    machine.signal(name).ok_or_else(|| {
+        let names = joined(machine.signals.iter().map(|signal| &signal.name), " ");
+        let known = if names.is_empty() { "none" } else { &names };
+        Failure::input(format!(
+            "signal {name:?}: the machine has none of that name; it has {known}"
+        ))
+    })
+}
+
+/// A value as it is typed: of a switch on, off, 1 or 0.
+fn value_of(name: &str, kind: SignalKind, text: &str) -> Result<f64, Failure> {
+    let value = match (kind, text) {
+        (SignalKind::Bool, "on" | "true") => Some(1.0),
+        (SignalKind::Bool, "off" | "false") => Some(0.0),
+        _ => text.parse().ok(),
+    };
+    value.filter(|value| kind.can_show(*value)).ok_or_else(|| {
+        let right = match kind {
+            SignalKind::Bool => "on or off",
+            SignalKind::Int => "a whole number",
+            SignalKind::Float => "a number",
+        };
+        Failure::input(format!("{text:?}: signal {name} takes {right}"))
+    })
+}

@@ -1,0 +1,218 @@
+//! Named inputs and outputs, and what the controller does with them, through real processes.
+
+use bus::sample::{Cause, Mode};
+use monitor::log::{Reader, Sample};
+use serde_json::Value;
+
+use crate::support::{Bench, LiveCell, Run, quadrant, run_with};
+use crate::up::{obeyed, refused};
+
+/// `xy` with these signals and functions, and contacts in its plant.
+fn machine(signals: &str, contacts: &str) -> Bench {
+    let name = "name = \"xy\"\n";
+    let bench = Bench::of("xy", &[(name, &format!("{name}{signals}"))]);
+    let plant = bench.path().join("plant.toml");
+    let text = std::fs::read_to_string(&plant).expect("plant.toml");
+    bench.file(
+        "plant.toml",
+        &text.replacen("[[axis]]", &format!("{contacts}\n[[axis]]"), 1),
+    );
+    bench
+}
+
+const CHAIN: &str = r#"
+[[signal]]
+name = "chain"
+lost = 0
+default = 1
+from = { terminal = 3, channel = 1 }
+[functions]
+emergency_stop = "chain"
+"#;
+
+const LONG: &str = "G21 G90 G17 G94\nG1 X60 F3000\nG1 X-60\nM2\n";
+
+fn ended(bench: &Bench, program: &str, more: &[&str]) -> Run {
+    let program = bench.file("program.ngc", program);
+    run_with(bench.path(), &program, more)
+}
+
+#[test]
+fn an_open_emergency_stop_chain_and_a_cut_wire_stop_the_machine_within_two_scans() {
+    for fault in ["value = 0", "broken = true"] {
+        let contact = format!("[[contact]]\nsignal = \"chain\"\n{fault}\nat_s = 0.5\n");
+        let bench = machine(CHAIN, &contact);
+        let run = ended(&bench, LONG, &[]);
+        assert_eq!(run.status(), 1, "{}", run.stderr());
+        let report = run.report();
+        let reason = report["outcome"]["reason"].as_str().unwrap_or_default();
+        assert!(
+            reason.contains("the emergency-stop chain is open"),
+            "{reason}"
+        );
+        // It opens in the exchange of the cell's 500th scan, which is scan 499 or 500 by its number.
+        let samples = Reader::open(&run.out.join("run.mcap")).expect("the log");
+        let tripped = samples.filter_map(|sample| match sample {
+            Ok(Sample::Feedback(now)) if now.mode == Mode::Tripped as u32 => Some(now.scan),
+            _ => None,
+        });
+        let first = tripped.min().expect("a trip");
+        assert!((500..=502).contains(&first), "{first}");
+    }
+    let bench = machine(CHAIN, "");
+    assert_eq!(ended(&bench, LONG, &[]).status(), 0);
+}
+
+const LIMITS: &str = r#"
+[[signal]]
+name = "x_plus"
+default = 1
+from = { drive = "X", bit = 1 }
+"#;
+
+#[test]
+fn an_axis_that_hits_its_limit_switch_stops_and_goes_only_off_it_again() {
+    let bench = machine(
+        LIMITS,
+        "[[contact]]\nsignal = \"x_plus\"\naxis = \"X\"\nfrom_mm = 40\nbounce_ms = 6\n",
+    );
+    let file = bench.path().join("machine.toml");
+    let text = std::fs::read_to_string(&file).expect("machine.toml");
+    let drive_mode = "drive_mode = \"velocity\"\n";
+    let switches = format!("{drive_mode}\n[axis.limit_switches]\npositive = \"x_plus\"\n");
+    bench.file("machine.toml", &text.replacen(drive_mode, &switches, 1));
+    let mut cell = LiveCell::up(bench.path(), "lockstep");
+    cell.wait_for(|_| true);
+    obeyed(&cell, &["enable"]);
+    obeyed(
+        &cell,
+        &[
+            "load",
+            bench.file("program.ngc", LONG).to_str().expect("a path"),
+        ],
+    );
+    obeyed(&cell, &["start"]);
+    let now = cell.wait_for(|now| now.mode == Mode::Tripped as u32 && now.rested == 1);
+    assert_eq!((now.cause, now.cause_axis), (Cause::LimitSwitch as u32, 0));
+    let at_mm = now.axes[0].motor_position as f64 * 1e-6;
+    // At 50 mm/s and 12 m/s² it brakes within 0.11 mm, and is seen two scans late.
+    assert!((40.0..40.4).contains(&at_mm), "{at_mm}");
+    obeyed(&cell, &["enable"]);
+    for order in [&["jog", "X", "1"][..], &["resume"], &["jog", "X+"]] {
+        refused(&cell, order, "limit switch");
+    }
+    obeyed(&cell, &["jog", "X", "-5", "--wait"]);
+    obeyed(&cell, &["jog", "X", "1", "--wait"]);
+    obeyed(&cell, &["resume"]);
+    // The rest of the program still goes over the switch.
+    cell.wait_for(|now| now.mode == Mode::Tripped as u32);
+    obeyed(&cell, &["down"]);
+    cell.finish();
+}
+
+const DOOR: &str = r#"
+[[signal]]
+name = "door"
+default = 1
+from = { terminal = 3, channel = 2 }
+[[signal]]
+name = "part"
+from = { by = "operator" }
+[[signal]]
+name = "start_button"
+from = { terminal = 3, channel = 3 }
+[[signal]]
+name = "feed_knob"
+kind = "float"
+unit = "%"
+default = 100
+from = { terminal = 3, channel = 4 }
+[functions]
+door = "door"
+ready = ["part"]
+cycle_start = "start_button"
+feed_override = "feed_knob"
+"#;
+
+fn signals(cell: &LiveCell) -> Value {
+    let output = quadrant()
+        .args(["signal", "--json", "--cell", &cell.cell])
+        .output();
+    let output = output.expect("quadrant signal");
+    assert!(output.status.success(), "{output:?}");
+    serde_json::from_slice(&output.stdout).expect("its JSON")
+}
+
+#[test]
+fn a_door_holds_a_missing_part_refuses_and_a_button_starts() {
+    let bench = machine(DOOR, "");
+    let mut cell = LiveCell::up(bench.path(), "lockstep");
+    cell.wait_for(|_| true);
+    obeyed(&cell, &["enable"]);
+    obeyed(
+        &cell,
+        &[
+            "load",
+            bench.file("program.ngc", LONG).to_str().expect("a path"),
+        ],
+    );
+    refused(&cell, &["start"], "part");
+    obeyed(&cell, &["signal", "set", "part", "on"]);
+    refused(&cell, &["signal", "set", "door", "off"], "another source");
+    obeyed(&cell, &["signal", "force", "feed_knob", "50"]);
+    obeyed(&cell, &["signal", "force", "start_button", "on"]);
+    let now = cell.wait_for(|now| now.window.sequence > 4);
+    assert_eq!(now.override_percent, 50);
+    obeyed(&cell, &["signal", "force", "door", "off"]);
+    let now = cell.wait_for(|now| now.hold == 1 && now.rested == 1);
+    assert_eq!(now.mode, Mode::Enabled as u32);
+    for order in [&["resume"][..], &["jog", "X", "1"]] {
+        refused(&cell, order, "door");
+    }
+    let shown = signals(&cell);
+    assert_eq!(shown[0]["name"], "door");
+    assert_eq!(
+        (&shown[0]["value"], &shown[0]["forced"]),
+        (&0.0.into(), &true.into())
+    );
+    obeyed(&cell, &["signal", "release", "door"]);
+    obeyed(&cell, &["signal", "release", "start_button"]);
+    obeyed(&cell, &["resume"]);
+    cell.wait_for(|now| now.mode == Mode::Ready as u32);
+    obeyed(&cell, &["down"]);
+    cell.finish();
+}
+
+/// A pump that a program switches, and a pressure switch that follows it.
+const PUMP: &str = r#"
+[[signal]]
+name = "pump"
+from = { output = 3 }
+to = { terminal = 4, channel = 1 }
+[[signal]]
+name = "pressure_ok"
+from = { terminal = 3, channel = 1 }
+to = { input = 7 }
+[[signal]]
+name = "flow"
+kind = "float"
+unit = "l/min"
+from = { terminal = 5, channel = 1 }
+to = { analog_input = 2 }
+"#;
+
+#[test]
+fn a_program_switches_outputs_and_reads_inputs_by_what_they_are_bound_to() {
+    let contacts = "[[contact]]\nsignal = \"pressure_ok\"\nfollows = \"pump\"\non_delay_ms = 300\n\
+                    [[contact]]\nsignal = \"flow\"\nfollows = \"pump\"\nvalue = 12.5\n";
+    let bench = machine(PUMP, contacts);
+    let program = "G21 G90\nM64 P3\nM66 P7 L3 Q2\n#1=#5399\nM66 E2 L0\n#2=#5399\nM65 P3\nM66 P7 L4 Q2\n\
+                   (DEBUG,pressure #1 flow #2)\nG1 X5 F3000\nM2\n";
+    let run = ended(&bench, program, &[]);
+    assert_eq!(run.status(), 0, "{}", run.stderr());
+    let events = std::fs::read_to_string(run.out.join("events.jsonl")).expect("events");
+    assert!(
+        events.contains("pressure 1.000000 flow 12.500000"),
+        "{events}"
+    );
+}
