@@ -37,6 +37,7 @@ mod leftovers;
 mod linearizable;
 mod liveness;
 mod log_levels;
+mod logic;
 mod long_programs;
 mod many_axes;
 mod mdi;

@@ -55,6 +55,8 @@ pub enum Cut {
     PathAxes,
     /// One element per instrument sample within a scan.
     Subsamples,
+    /// One element per named signal of the machine.
+    Signals,
 }
 
 /// One field.

@@ -222,3 +222,59 @@ impl Member {
         }
     }
 }
+
+/// Which feedbacks ask a process that is asked once in so many scans: the first one seen of each period.
+#[derive(Debug)]
+pub struct Boundaries {
+    period_scans: u64,
+    lockstep: bool,
+    answered: Option<u64>,
+}
+
+impl Boundaries {
+    /// Of periods of so many scans.
+    pub fn every(period_scans: u64, lockstep: bool) -> Boundaries {
+        Boundaries {
+            period_scans: period_scans.max(1),
+            lockstep,
+            answered: None,
+        }
+    }
+
+    /// Whether the feedback of this scan asks. Between two boundaries somebody has signalled for all, and nothing is asked; in
+    /// lockstep, where everybody is waited for, whoever comes then has just joined.
+    pub fn asks(&mut self, scan: u64) -> bool {
+        let boundary = scan - scan % self.period_scans;
+        let unasked = self.lockstep && scan != boundary;
+        if unasked || self.answered.is_some_and(|answered| answered >= boundary) {
+            return false;
+        }
+        self.answered = Some(boundary);
+        true
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Boundaries;
+
+    fn asked(lockstep: bool, scans: &[u64]) -> Vec<u64> {
+        let mut boundaries = Boundaries {
+            period_scans: 4,
+            lockstep,
+            answered: None,
+        };
+        let asks = scans.iter().filter(|scan| boundaries.asks(**scan));
+        asks.copied().collect()
+    }
+
+    #[test]
+    fn each_period_asks_once_also_a_planner_that_woke_late() {
+        assert_eq!(asked(false, &[0, 1, 4, 5, 9, 10, 12]), [0, 4, 9, 12]);
+    }
+
+    #[test]
+    fn in_lockstep_a_planner_that_joined_within_a_period_waits_for_the_next() {
+        assert_eq!(asked(true, &[6, 7, 8, 9, 12]), [8, 12]);
+    }
+}

@@ -17,8 +17,8 @@ use iceoryx2::service::port_factory::server::ServerCreateError;
 
 use crate::cell::CellError;
 use crate::sample::{
-    AxisCommand, BusCycle, Feedback, Instruments, OperatorRequest, OperatorResponse, PlannerStatus,
-    Roster, Setpoint, Signals, WindowHeader,
+    AxisCommand, BusCycle, Feedback, Instruments, LogicAnswer, OperatorRequest, OperatorResponse,
+    PlannerStatus, Roster, Setpoint, Signals, WindowHeader,
 };
 use crate::service::{Bus, PubSub, RECORDER_DEPTH_SCANS, ROLES, Sample, Topic, WINDOW_SETPOINTS};
 
@@ -450,7 +450,8 @@ impl Bus {
 
     optional_ports!(
         bus_cycle_writer bus_cycle_reader bus_cycle BusCycle, "where drives are simulated";
-        signals_writer signals_reader signals Signals, "where the machine names no input or output"
+        signals_writer signals_reader signals Signals, "where the machine names no input or output";
+        logic_writer logic_reader logic LogicAnswer, "where the machine has no logic of its own"
     );
 
     fn command_topic(&self, axis: usize, role: usize) -> Result<&Topic, CellError> {

@@ -17,6 +17,7 @@ mod bus_cycle;
 pub(crate) mod checksum;
 mod ended;
 mod inputs;
+mod logic;
 mod order;
 mod signals;
 
@@ -247,6 +248,10 @@ wire_enum! {
         DrivesNotAllowed = 36 => "an input keeps the drives off",
         /// The axis is on its limit switch.
         LimitSwitch = 37 => "limit switch: jog the axis off it",
+        /// The process that does the machine's own logic is lost.
+        LogicLost = 38 => "the machine's own logic is lost",
+        /// The logic of the machine has asked for it.
+        LogicTrip = 39 => "stopped by the machine's own logic",
     }
     /// A sentence fragment for people.
     pub fn words
@@ -709,6 +714,8 @@ wire_enum! {
         Monitor = 4 => "recorder",
         /// The owner of the fieldbus, or its standby.
         Fieldbus = 5 => "fieldbus",
+        /// The logic of the machine.
+        Logic = 6 => "logic",
     }
     /// In a word.
     pub fn word
@@ -795,6 +802,7 @@ pub use inputs::{
     ANALOG_INPUTS, Answer, AnswerOutcome, AskedInput, DIGITAL_INPUTS, InputWait, Inputs,
     OVERRIDE_MAX_PERCENT, PROBE_AWAY, PROBE_MUST,
 };
+pub use logic::{LOGIC_HOLD, LOGIC_INHIBIT, LOGIC_STOP, LOGIC_TRIP, LogicAnswer};
 pub use order::{DOWN_FOR_LOSS, OperatorRequest, OperatorResponse, Order, Refused};
 pub use signals::{SIGNALS_MAX, SignalSet, Signals};
 

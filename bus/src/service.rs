@@ -21,9 +21,9 @@ use crate::cell::{CellError, CellPaths};
 use crate::room;
 use crate::sample::checksum;
 use crate::sample::{
-    AxisCommand, BusCycle, Feedback, Instruments, MAX_AXES, MAX_WINDOW_SETPOINTS, OperatorRequest,
-    OperatorResponse, PATH_AXES, PlannerStatus, Roster, SIGNALS_MAX, Setpoint, Signals,
-    WindowHeader,
+    AxisCommand, BusCycle, Feedback, Instruments, LogicAnswer, MAX_AXES, MAX_WINDOW_SETPOINTS,
+    OperatorRequest, OperatorResponse, PATH_AXES, PlannerStatus, Roster, SIGNALS_MAX, Setpoint,
+    Signals, WindowHeader,
 };
 
 /// Scans the recorder's queues hold; in lockstep the master waits at half of it.
@@ -96,6 +96,8 @@ pub struct Services {
     pub bus_cycle: Option<Topic>,
     /// Written by the master at the end of each scan: named inputs and outputs. None where the machine names none.
     pub signals: Option<Topic>,
+    /// Written by the logic. None where the machine has none.
+    pub logic: Option<Topic>,
     /// Written by the planner: windows.
     pub setpoint: Topic,
     /// Written by the planner at each period boundary.
@@ -119,6 +121,8 @@ pub struct Shape {
     pub has_bus: bool,
     /// Whether it has named inputs or outputs.
     pub has_signals: bool,
+    /// Whether a process of its own does its logic.
+    pub has_logic: bool,
 }
 
 impl Services {
@@ -141,6 +145,9 @@ impl Services {
             signals: shape
                 .has_signals
                 .then(|| topic("signals".into(), RECORDER_DEPTH_SCANS, 1)),
+            logic: shape
+                .has_logic
+                .then(|| topic("logic".into(), RECORDER_DEPTH_SCANS, 0)),
             // No history: it would be delivered with the next window, at no particular instant of a scan.
             setpoint: topic("setpoint".into(), periods, 0),
             planner: topic("planner".into(), periods, 1),
@@ -160,7 +167,10 @@ impl Services {
 
     /// How many there are.
     pub(crate) fn count(&self) -> usize {
-        let optional = usize::from(self.bus_cycle.is_some()) + usize::from(self.signals.is_some());
+        let optional = [&self.bus_cycle, &self.signals, &self.logic]
+            .into_iter()
+            .flatten()
+            .count();
         CELL_SERVICES + optional + ROLES.len() * self.commands.len()
     }
 
@@ -184,6 +194,10 @@ impl Services {
                 .signals
                 .as_ref()
                 .map_or(0, |topic| of(topic, size_of::<Signals>()))
+            + self
+                .logic
+                .as_ref()
+                .map_or(0, |topic| of(topic, size_of::<LogicAnswer>()))
             + self.setpoint.windows_max() * window
             + of(&self.planner, size_of::<PlannerStatus>())
             + of(&self.roster, size_of::<Roster>())
@@ -281,6 +295,11 @@ samples!(
         let words = command.state.get(..command.state_words as usize);
         offset_of!(AxisCommand, state) + size_of_val(words.unwrap_or(&command.state))
     }, if |command| is_possible(command.scan, command.visible_from);
+    LogicAnswer: scan [checksum] of |answer| {
+        offset_of!(LogicAnswer, values) + size_of_val(answer.values())
+    }, if |answer| {
+        is_possible(answer.scan, answer.visible_from) && answer.count as usize <= SIGNALS_MAX
+    };
     PlannerStatus: scan [checksum], if |status| is_possible(status.scan, status.visible_from);
     Roster: visible_from [checksum], if |roster| roster.visible_from <= SCAN_MAX;
 );
@@ -481,6 +500,11 @@ impl Bus {
                 .as_ref()
                 .map(|topic| self.create(topic))
                 .transpose()?,
+            _logic: services
+                .logic
+                .as_ref()
+                .map(|topic| self.create(topic))
+                .transpose()?,
             _planner: self.create(&services.planner)?,
             _roster: self.create(&services.roster)?,
             _setpoint: setpoint,
@@ -536,6 +560,7 @@ pub struct Created {
     _instruments: PubSub<Instruments>,
     _bus_cycle: Option<PubSub<BusCycle>>,
     _signals: Option<PubSub<Signals>>,
+    _logic: Option<PubSub<LogicAnswer>>,
     _planner: PubSub<PlannerStatus>,
     _roster: PubSub<Roster>,
     _setpoint: Windows,

@@ -19,6 +19,7 @@ fn shape() -> Shape {
         period_scans: 4,
         has_bus: false,
         has_signals: false,
+        has_logic: false,
     }
 }
 

@@ -4,7 +4,7 @@ mod options;
 mod roles;
 
 pub use options::{
-    FieldbusOptions, MasterOptions, PlannerOptions, PlantSimOptions, RecorderOptions, Role,
-    ServoOptions, SlotOptions,
+    FieldbusOptions, LogicOptions, MasterOptions, PlannerOptions, PlantSimOptions, RecorderOptions,
+    Role, ServoOptions, SlotOptions,
 };
 pub use roles::take_part;

@@ -22,6 +22,8 @@ pub enum Role {
     Planner(PlannerOptions),
     /// One servo of a running cell (started by `run`)
     Servo(ServoOptions),
+    /// What asks the logic of the machine, of a running cell (started by `run`)
+    Logic(LogicOptions),
     /// The recorder of a running cell (started by `run`)
     Recorder(RecorderOptions),
 }
@@ -160,6 +162,17 @@ pub struct PlannerOptions {
     /// Part program; without one, those that are loaded into the cell
     #[arg(long)]
     pub program: Option<PathBuf>,
+}
+
+/// What `quadrant logic` takes.
+#[derive(Debug, Clone, Args)]
+pub struct LogicOptions {
+    /// Its slot in the cell.
+    #[command(flatten)]
+    pub slot: SlotOptions,
+    /// Seconds that the logic may take for one answer in lockstep, and to begin
+    #[arg(long, default_value_t = 30)]
+    pub answer_limit: u64,
 }
 
 /// What `quadrant servo` takes.

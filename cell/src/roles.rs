@@ -9,8 +9,8 @@ use plant_sim::script::orders;
 use plant_sim::script::ports::ScriptedPorts;
 
 use crate::options::{
-    FieldbusOptions, MasterOptions, PlannerOptions, PlantSimOptions, RecorderOptions, Role,
-    ServoOptions,
+    FieldbusOptions, LogicOptions, MasterOptions, PlannerOptions, PlantSimOptions, RecorderOptions,
+    Role, ServoOptions,
 };
 
 /// Takes part in a cell until that ends.
@@ -25,6 +25,7 @@ pub fn take_part(role: &Role) -> Outcome {
         Role::Fieldbus(options) => fieldbus(options),
         Role::Planner(options) => planner(options),
         Role::Servo(options) => servo(options),
+        Role::Logic(options) => logic(options),
         Role::Recorder(options) => recorder(options),
     }
 }
@@ -101,6 +102,15 @@ fn planner(options: &PlannerOptions) -> Outcome {
 /// One servo.
 fn servo(options: &ServoOptions) -> Outcome {
     servo::run(&options.options()).environment()
+}
+
+/// What asks the logic of the machine.
+fn logic(options: &LogicOptions) -> Outcome {
+    logic::run(&logic::Options {
+        slot: options.slot.slot(),
+        answer_limit: Duration::from_secs(options.answer_limit),
+    })
+    .environment()
 }
 
 /// The recorder.

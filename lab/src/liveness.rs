@@ -244,6 +244,8 @@ impl<'a> Liveness<'a> {
             | Cause::GantryTorque
             | Cause::EmergencyStopChain
             | Cause::DrivesNotAllowed
+            | Cause::LogicLost
+            | Cause::LogicTrip
             | Cause::LimitSwitch => false,
             Cause::HomeSwitch | Cause::HomeIndex | Cause::HomeDrive => {
                 let settings = self.machine.axes.get(axis);

@@ -97,6 +97,7 @@ fn no_wrong_number_in_a_sample_keeps_a_reader_from_the_next_one() {
         period_scans: 4,
         has_bus: false,
         has_signals: false,
+        has_logic: false,
     };
     let bus = Bus::enter(&place, &shape, "launcher", true).expect("shared memory");
     let _services = bus.create_all().expect("services");
@@ -150,6 +151,7 @@ fn a_feedback_whose_scan_is_wrong_is_taken_for_none() {
         period_scans: 4,
         has_bus: false,
         has_signals: false,
+        has_logic: false,
     };
     let bus = Bus::enter(&place, &shape, "launcher", true).expect("shared memory");
     let _services = bus.create_all().expect("services");

@@ -165,6 +165,11 @@ pub fn roles(machine: &Machine, plan: &Plan) -> Vec<Role> {
         role
     };
     let mut others: Vec<Role> = Process::fieldbus(machine).map(fieldbus).collect();
+    others.extend(machine.logic.as_ref().map(|_| {
+        let mut role = Role::new(machine, Job::Logic.into(), &["logic"]);
+        role.add(&limit);
+        role
+    }));
     others.extend(Process::servos(machine).map(servo));
     others.extend([planner, master]);
     give_faults(&mut others, plan);
@@ -214,7 +219,8 @@ fn give_faults(roles: &mut [Role], plan: &Plan) {
     let faults = faults.display().to_string();
     let reads = |role: &&mut Role| {
         let job = role.process.job;
-        job == Job::Master || plan.wrong_samples && job != Job::Fieldbus
+        let sends = matches!(job, Job::Servo | Job::Planner);
+        job == Job::Master || plan.wrong_samples && sends
     };
     for role in roles.iter_mut().filter(reads) {
         role.add(&["--faults", &faults]);

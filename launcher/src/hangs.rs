@@ -15,6 +15,8 @@ fn patience(job: Job) -> Duration {
     match job {
         Job::Servo => Duration::from_secs(1),
         Job::Monitor | Job::Master | Job::Fieldbus => Duration::from_secs(5),
+        // It waits for its program as long as that may take.
+        Job::Logic => Duration::from_secs(60),
         // It may be reading a long program.
         Job::Planner => Duration::from_secs(20),
     }
@@ -44,7 +46,7 @@ impl Hangs {
             let scans = match role.process.job {
                 Job::Master => Some(group.newest_scan()),
                 Job::Monitor => Some(group.page.recorded_scans()),
-                Job::Servo | Job::Planner => group.page.answered_scan(place),
+                Job::Servo | Job::Planner | Job::Logic => group.page.answered_scan(place),
                 // It answers the master alone; its standby sees when it hangs, and the drives have their watchdogs.
                 Job::Fieldbus => None,
             };

@@ -123,7 +123,7 @@ impl RestartRules {
             Job::Fieldbus => Verdict::Ends,
             // The master waits for one that is to be replaced: nobody else ends that.
             Job::Servo if replaces && !covered => Verdict::Ends,
-            Job::Servo | Job::Monitor => Verdict::GoesOn,
+            Job::Servo | Job::Monitor | Job::Logic => Verdict::GoesOn,
         };
         if gave_up || !replaces {
             return without;

@@ -160,13 +160,14 @@ pub fn snapshot(path: &Path) -> Result<String, SettingsFileError> {
         tools: files.tools.as_ref().map(|_| machine.program.tools.clone()),
     };
     set_kept(&mut document, &kept);
+    let folder = path.parent().unwrap_or(Path::new(""));
+    let changed = name_logic_folder(&mut document, folder);
     if !document.contains_key("program") {
-        return Ok(text);
+        return Ok(if changed { document.to_string() } else { text });
     }
     let Some(program) = program_of(&mut document) else {
         return Ok(text);
     };
-    let folder = path.parent().unwrap_or(Path::new(""));
     let named = |item: Item| folder.join(item.as_str().unwrap_or_default());
     let tool_table = program.remove("tool_table").map(named);
     program.remove("parameter_file");
@@ -180,6 +181,22 @@ pub fn snapshot(path: &Path) -> Result<String, SettingsFileError> {
         program.insert("tools", value(read_text(&table)?));
     }
     Ok(document.to_string())
+}
+
+/// The logic runs in the folder of the file that it stands in: a copy names that in full.
+fn name_logic_folder(document: &mut DocumentMut, from: &Path) -> bool {
+    let logic = document.get_mut("logic").and_then(Item::as_table_like_mut);
+    let Some(logic) = logic else {
+        return false;
+    };
+    let folder = logic
+        .get("folder")
+        .and_then(Item::as_str)
+        .unwrap_or_default();
+    let folder = from.join(folder);
+    let folder = std::path::absolute(&folder).unwrap_or(folder);
+    logic.insert("folder", value(folder.to_string_lossy().into_owned()));
+    true
 }
 
 /// Copies what a machine file names, tool table, parameters and drive files, into the folder of a copy of it, if it is named from the file's folder.

@@ -16,6 +16,7 @@ use crate::interpolation::Interpolation;
 use crate::kept_files::KeptFiles;
 use crate::kinematics::Kinematics;
 use crate::log_keeping::LogKeeping;
+use crate::logic::Logic;
 use crate::manual::Manual;
 use crate::parameter_file::KeptParameters;
 use crate::path::PathSettings;
@@ -64,6 +65,8 @@ pub struct Machine {
     pub signals: Vec<Signal>,
     /// Signals that the controller itself acts on.
     pub functions: Functions,
+    /// The machine's own logic, as a process ([how](../howto/logic.md)).
+    pub logic: Option<Logic>,
     /// An axis: a machine has 1 to 32, each with a name of its own; the second motor of a gantry counts as one.
     #[serde(rename = "axis")]
     #[schemars(length(min = 1, max = MAX_AXES))]
@@ -224,6 +227,7 @@ impl Machine {
             period_scans: self.scan.interpolation_period_scans,
             has_bus: self.bus.is_some(),
             has_signals: !self.signals.is_empty(),
+            has_logic: self.logic.is_some(),
         }
     }
 

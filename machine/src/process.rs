@@ -85,6 +85,7 @@ impl Process {
         let mut all = vec![Job::Planner.into()];
         all.extend(Process::servos(machine));
         all.extend(Process::fieldbus(machine));
+        all.extend(machine.logic.as_ref().map(|_| Process::from(Job::Logic)));
         all.extend([Job::Master, Job::Monitor].map(Process::from));
         all
     }
@@ -100,6 +101,7 @@ impl Process {
             },
             Job::Planner => "planner".into(),
             Job::Monitor => "monitor".into(),
+            Job::Logic => "logic".into(),
             Job::Servo => {
                 let axis = machine.axis_name(self.axis as usize);
                 match ROLES.get(self.role as usize) {
@@ -116,7 +118,9 @@ impl Process {
     /// The machine has none of that name: what it may be.
     pub fn parse(name: &str, machine: &Machine) -> Result<Process, String> {
         let others = [Job::Planner, Job::Master, Job::Monitor].map(Process::from);
-        let mut others = others.into_iter().chain(Process::fieldbus(machine));
+        let logic = machine.logic.as_ref().map(|_| Process::from(Job::Logic));
+        let others = others.into_iter().chain(logic);
+        let mut others = others.chain(Process::fieldbus(machine));
         if let Some(process) = others.find(|one| one.name(machine) == name) {
             return Ok(process);
         }

@@ -32,6 +32,8 @@ pub struct Processes {
     pub servo: OfProcess,
     /// The planner: 50.
     pub planner: OfProcess,
+    /// What asks the machine's own logic, and the logic: 0.
+    pub logic: OfProcess,
     /// The recorder: 0.
     pub monitor: OfProcess,
 }
@@ -40,7 +42,7 @@ pub struct Processes {
 #[derive(Debug, Clone, PartialEq, Eq, Deserialize, JsonSchema)]
 pub struct OfProcess {
     /// SCHED_FIFO priority: a higher one goes before a lower one, and any before 0, an ordinary process. None may be below the next in
-    /// this order: fieldbus, master, servo, planner, monitor.
+    /// this order: fieldbus, master, servo, planner, logic, monitor.
     #[schemars(extend("minimum" = 0, "maximum" = 98))]
     pub priority: Option<u32>,
     /// Processors, as the kernel numbers them; none for all that the launcher may use.
@@ -50,7 +52,7 @@ pub struct OfProcess {
 
 impl Processes {
     /// Every kind of process with its key; none of them waits for one behind it.
-    pub fn jobs(&self) -> [(Job, &'static str, Priority, &OfProcess); 5] {
+    pub fn jobs(&self) -> [(Job, &'static str, Priority, &OfProcess); 6] {
         [
             (
                 Job::Fieldbus,
@@ -61,6 +63,7 @@ impl Processes {
             (Job::Master, "master", Priority::Master, &self.master),
             (Job::Servo, "servo", Priority::Servo, &self.servo),
             (Job::Planner, "planner", Priority::Planner, &self.planner),
+            (Job::Logic, "logic", Priority::Ordinary, &self.logic),
             (Job::Monitor, "monitor", Priority::Ordinary, &self.monitor),
         ]
     }

@@ -94,7 +94,7 @@ impl Restart {
             Job::Master => self.master == AfterMaster::Wait,
             Job::Monitor => self.monitor == AfterMonitor::Restart,
             // Its drives have stopped by themselves, or its standby goes on.
-            Job::Fieldbus => true,
+            Job::Fieldbus | Job::Logic => true,
         }
     }
 }

@@ -111,6 +111,8 @@ pub struct SignalSource {
 pub enum SetBy {
     /// The operator, by `quadrant signal set`.
     Operator,
+    /// The machine's own [logic](../howto/logic.md).
+    Logic,
 }
 
 /// What the controller commands or is, as the source of a signal.

@@ -1,6 +1,6 @@
 //! What is answered to a feedback.
 
-use bus::sample::{AxisCommand, PlannerStatus};
+use bus::sample::{AxisCommand, LogicAnswer, PlannerStatus};
 use bus::service::ROLES;
 
 /// What was answered in one scan.
@@ -10,6 +10,8 @@ pub struct Answers {
     pub commands: Vec<[Option<AxisCommand>; ROLES.len()]>,
     /// The planner's word, at a period boundary.
     pub planner: Option<PlannerStatus>,
+    /// What the logic has said last.
+    pub logic: Option<LogicAnswer>,
 }
 
 impl Answers {
@@ -17,6 +19,7 @@ impl Answers {
     pub const NONE: Answers = Answers {
         commands: Vec::new(),
         planner: None,
+        logic: None,
     };
 
     /// Nothing answered yet, with room for the commands of so many axes.
@@ -24,6 +27,7 @@ impl Answers {
         Answers {
             commands: vec![[None; ROLES.len()]; axes],
             planner: None,
+            logic: None,
         }
     }
 
@@ -33,5 +37,6 @@ impl Answers {
             *command = None;
         }
         self.planner = None;
+        self.logic = None;
     }
 }

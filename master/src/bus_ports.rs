@@ -7,9 +7,9 @@ use bus::member::{Member, Pace};
 use bus::port::{Age, OperatorServer, Reader, WindowReader, Writer};
 use bus::realtime;
 use bus::sample::{
-    AxisCommand, BusCycle, Feedback, Instruments, Job, MAX_PARTICIPANTS, Mode, OperatorRequest,
-    OperatorResponse, Participant, PlannerStatus, ProgramState, Roster, Setpoint, Signals,
-    WindowHeader,
+    AxisCommand, BusCycle, Feedback, Instruments, Job, LogicAnswer, MAX_PARTICIPANTS, Mode,
+    OperatorRequest, OperatorResponse, Participant, PlannerStatus, ProgramState, Roster, Setpoint,
+    Signals, WindowHeader,
 };
 use bus::service::{RECORDER_DEPTH_SCANS, ROLES, SCAN_DEPTH};
 use bus::signal_page::CellPhase;
@@ -46,6 +46,7 @@ struct Ports {
     commands: Vec<[Reader<AxisCommand>; ROLES.len()]>,
     windows: WindowReader,
     planner: Reader<PlannerStatus>,
+    logic: Option<Reader<LogicAnswer>>,
     roster: Reader<Roster>,
     operator: OperatorServer,
 }
@@ -65,19 +66,17 @@ impl Ports {
                 .collect(),
             windows: bus.window_reader(SCAN_DEPTH)?.with_horizon(HORIZON_SCANS),
             planner: bus.planner_reader(SCAN_DEPTH)?.with_horizon(HORIZON_SCANS),
+            logic: match bus.logic_reader(SCAN_DEPTH)? {
+                Some(reader) => Some(reader.with_horizon(HORIZON_SCANS)),
+                None => None,
+            },
             roster: bus.roster_reader(SCAN_DEPTH)?,
             operator: bus.operator_server()?,
         })
     }
 
     /// Takes what has been answered for `scan`, visible in the next, into `answers`; from those who are in the roster.
-    fn read_answers(
-        &mut self,
-        scan: u64,
-        ask_planner: bool,
-        roster: &Roster,
-        answers: &mut Answers,
-    ) {
+    fn read_answers(&mut self, scan: u64, asks: Asks, roster: &Roster, answers: &mut Answers) {
         for place in roster.places() {
             if place.job != Job::Servo as u32 {
                 continue;
@@ -91,10 +90,24 @@ impl Ports {
                 *command = Some(newest);
             }
         }
-        if ask_planner && let Some(newest) = self.planner.newest(scan + 1) {
+        if asks.planner
+            && let Some(newest) = self.planner.newest(scan + 1)
+        {
             answers.planner = Some(newest);
         }
+        // The logic says by itself that it is lost, at any time.
+        let logic = self.logic.as_mut();
+        if let Some(newest) = logic.and_then(|reader| reader.newest(scan + 1)) {
+            answers.logic = Some(newest);
+        }
     }
+}
+
+/// Who beside the servos is asked in a scan.
+#[derive(Debug, Clone, Copy)]
+struct Asks {
+    planner: bool,
+    logic: bool,
 }
 
 /// Incarnations of the places that lived when a scan was published, 0 for the others: who came later was not asked.
@@ -114,7 +127,7 @@ fn asked(roster: &Roster) -> Asked {
 /// that counts.
 fn missing(
     scan: u64,
-    ask_planner: bool,
+    asks: Asks,
     answers: &Answers,
     (roster, asked): (&Roster, &Asked),
     excused: impl Fn(usize, &Participant) -> bool,
@@ -132,9 +145,13 @@ fn missing(
                 .is_some_and(|c| {
                     c.is_some_and(|c| c.scan >= scan && c.incarnation == place.incarnation)
                 })
-        } else if place.job == Job::Planner as u32 && ask_planner {
+        } else if place.job == Job::Planner as u32 && asks.planner {
             answers
                 .planner
+                .is_some_and(|s| s.scan >= scan && s.incarnation == place.incarnation)
+        } else if place.job == Job::Logic as u32 && asks.logic {
+            answers
+                .logic
                 .is_some_and(|s| s.scan >= scan && s.incarnation == place.incarnation)
         } else {
             continue;
@@ -172,6 +189,13 @@ impl Missing {
         let name = |place: &Participant| {
             if place.job == Job::Planner as u32 {
                 return format!("the planner ({})", ports.planner.age(scan));
+            }
+            if place.job == Job::Logic as u32 {
+                let age = ports
+                    .logic
+                    .as_ref()
+                    .map_or(Age::Never, |logic| logic.age(scan));
+                return format!("the logic ({age})");
             }
             let letter = axes.get(place.axis as usize).map_or("?", String::as_str);
             let roles = ports.commands.get(place.axis as usize);
@@ -223,6 +247,8 @@ pub struct BusPorts {
     /// The process's membership of its cell.
     pub member: Member,
     axes: Vec<String>,
+    /// Scans between two questions to the logic, of a machine that has one.
+    logic_every_scans: Option<u64>,
     ports: Ports,
     roster: Roster,
     answers: Answers,
@@ -252,6 +278,7 @@ impl BusPorts {
         Ok(BusPorts {
             ports: Ports::open(&member)?,
             axes: machine.axes.iter().map(|axis| axis.name.clone()).collect(),
+            logic_every_scans: machine.logic_every_scans(),
             roster: Roster::zeroed(),
             answers: Answers::of_axes(machine.axes.len()),
             clock: Clock {
@@ -276,15 +303,19 @@ impl BusPorts {
         self.clock.pace
     }
 
-    fn missing(
-        &self,
-        scan: u64,
-        ask_planner: bool,
-        excused: &dyn Fn(&Participant) -> bool,
-    ) -> Missing {
+    /// Who is asked in this scan, the planner among them or not.
+    fn asks(&self, scan: u64, planner: bool) -> Asks {
+        let every = self.logic_every_scans;
+        Asks {
+            planner,
+            logic: every.is_some_and(|every| scan.is_multiple_of(every)),
+        }
+    }
+
+    fn missing(&self, scan: u64, asks: Asks, excused: &dyn Fn(&Participant) -> bool) -> Missing {
         let page = &self.member.page;
         let asked = (&self.roster, &self.asked_in_scan);
-        missing(scan, ask_planner, &self.answers, asked, |slot, who| {
+        missing(scan, asks, &self.answers, asked, |slot, who| {
             // It reports when it is done with the scan, so that it never misses the next feedback.
             excused(who)
                 && page
@@ -318,7 +349,8 @@ impl BusPorts {
         let scan = feedback.scan;
         self.asked_in_scan = asked(&self.roster);
         let everybody = (&self.roster, &self.asked_in_scan);
-        let asked = missing(scan, ask_planner, &Answers::NONE, everybody, |_, _| false);
+        let asks = self.asks(scan, ask_planner);
+        let asked = missing(scan, asks, &Answers::NONE, everybody, |_, _| false);
         let page = &self.member.page;
         self.seen_before_waking = (asked.places != 0).then(|| page.master_signal().count());
         page.expect_answers(asked.count());
@@ -337,7 +369,7 @@ impl BusPorts {
     fn await_everybody(
         &mut self,
         scan: u64,
-        ask_planner: bool,
+        asks: Asks,
         excused: &dyn Fn(&Participant) -> bool,
     ) -> Result<bool, MasterError> {
         self.answers.clear();
@@ -350,8 +382,8 @@ impl BusPorts {
         loop {
             let seen = self.member.page.master_signal().count();
             self.ports
-                .read_answers(scan, ask_planner, &self.roster, &mut self.answers);
-            let missing = self.missing(scan, ask_planner, excused);
+                .read_answers(scan, asks, &self.roster, &mut self.answers);
+            let missing = self.missing(scan, asks, excused);
             if missing.places == 0 {
                 return Ok(true);
             }
@@ -490,7 +522,8 @@ impl BusPorts {
             self.await_order();
             self.await_recorder(scan);
             let overrun_scans = 0;
-            return Ok(if self.await_everybody(scan, ask_planner, excused)? {
+            let asks = self.asks(scan, ask_planner);
+            return Ok(if self.await_everybody(scan, asks, excused)? {
                 Answered::Scan { overrun_scans }
             } else {
                 Answered::Leave
@@ -499,8 +532,9 @@ impl BusPorts {
         let overrun_scans = self.sleep();
         self.read_roster();
         self.answers.clear();
+        let asks = self.asks(scan, true);
         self.ports
-            .read_answers(scan, true, &self.roster, &mut self.answers);
+            .read_answers(scan, asks, &self.roster, &mut self.answers);
         Ok(Answered::Scan { overrun_scans })
     }
 }
@@ -638,7 +672,7 @@ mod tests {
     use bus::sample::{Job, Participant, Roster};
     use bytemuck::Zeroable;
 
-    use super::{Answers, asked, missing};
+    use super::{Answers, Asks, asked, missing};
 
     /// A servo that is admitted while the master waits for the others has had no feedback to answer.
     #[test]
@@ -652,7 +686,11 @@ mod tests {
         };
         let published = asked(&roster);
         let count = |roster: &Roster, published| {
-            missing(7, false, &Answers::NONE, (roster, published), |_, _| false).count()
+            let asks = Asks {
+                planner: false,
+                logic: false,
+            };
+            missing(7, asks, &Answers::NONE, (roster, published), |_, _| false).count()
         };
         assert_eq!(count(&roster, &published), 1);
         roster.participants[0].live = 0;

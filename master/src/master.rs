@@ -27,6 +27,7 @@ mod homing;
 mod inner;
 mod jog;
 mod loaded;
+mod logic;
 mod losses;
 mod manual;
 mod modes;
@@ -296,6 +297,7 @@ impl<D: Drives> Master<D> {
     pub fn close_scan(&mut self, answers: &Answers, roster: &Roster) {
         let scan_s = self.timing.scan_period_s;
         self.axes.iter_mut().for_each(AxisUnit::step_by_hand);
+        self.heed_logic(answers, roster);
         self.heed_signals();
         self.take_commands(answers, roster);
         self.heed_planner(answers, roster);

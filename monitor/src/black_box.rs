@@ -90,8 +90,13 @@ fn scan_bytes(codec: &Codec, machine: &Machine) -> usize {
         .bus
         .as_ref()
         .map_or(0, |_| HEAD_BYTES + codec.bus_cycle.bytes);
+    let signals = match machine.signals.is_empty() {
+        true => 0,
+        false => HEAD_BYTES + codec.signals.bytes,
+    };
     (2 + commands) * HEAD_BYTES
         + bus_cycle
+        + signals
         + codec.feedback.bytes
         + codec.instruments.bytes
         + commands * codec.command.bytes

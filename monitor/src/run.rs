@@ -6,7 +6,7 @@ use bus::cell::{CellError, CellPaths};
 use bus::member::{Member, MemberError, ORPHAN_PATIENCE, Pace};
 use bus::port::{Reader, WindowReader};
 use bus::realtime::Priority;
-use bus::sample::{AxisCommand, BusCycle, Feedback, Instruments, PlannerStatus, Roster};
+use bus::sample::{AxisCommand, BusCycle, Feedback, Instruments, PlannerStatus, Roster, Signals};
 use bus::service::{RECORDER_DEPTH_SCANS, ROLES};
 use machine::Machine;
 
@@ -27,6 +27,7 @@ struct Ports {
     feedback: Reader<Feedback>,
     instruments: Reader<Instruments>,
     bus_cycle: Option<Reader<BusCycle>>,
+    signals: Option<Reader<Signals>>,
     commands: Vec<[Reader<AxisCommand>; ROLES.len()]>,
     windows: WindowReader,
     planner: Reader<PlannerStatus>,
@@ -45,6 +46,7 @@ impl Ports {
             + self.feedback.failed()
             + self.instruments.failed()
             + self.bus_cycle.as_ref().map_or(0, Reader::failed)
+            + self.signals.as_ref().map_or(0, Reader::failed)
             + self.planner.failed()
             + self.roster.failed()
     }
@@ -56,6 +58,7 @@ impl Ports {
             feedback: bus.feedback_reader(depth)?,
             instruments: bus.instruments_reader(depth)?,
             bus_cycle: bus.bus_cycle_reader(depth)?,
+            signals: bus.signals_reader(depth)?,
             commands: bus.command_readers(depth)?,
             windows: bus.window_reader(depth)?,
             planner: bus.planner_reader(depth)?,
@@ -80,6 +83,11 @@ impl Ports {
         if let Some(reader) = &mut self.bus_cycle {
             while let Some(sample) = reader.next_held(scan) {
                 sinks.take(SampleRef::BusCycle(&sample))?;
+            }
+        }
+        if let Some(reader) = &mut self.signals {
+            while let Some(sample) = reader.next_held(scan) {
+                sinks.take(SampleRef::Signals(&sample))?;
             }
         }
         while let Some(sample) = self.instruments.next_held(scan) {

@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use bus::cell::{CellError, CellPaths};
 use bus::files::open_unlinked;
-use bus::member::{Member, Pace};
+use bus::member::{Boundaries, Member, Pace};
 use bus::messages::{MessageWriter, ProgramMessage};
 use bus::port::{Reader, WindowWriter, Writer};
 use bus::sample::{Auxiliaries, Feedback, PlannerStatus, Setpoint, WindowHeader};
@@ -128,28 +128,6 @@ pub trait PlannerPorts {
     fn answered(&mut self, scan: u64);
 }
 
-/// Which feedbacks ask the planner: the first one seen of each interpolation period.
-#[derive(Debug)]
-struct Boundaries {
-    period_scans: u64,
-    lockstep: bool,
-    answered: Option<u64>,
-}
-
-impl Boundaries {
-    /// Whether the feedback of this scan asks. Between two boundaries somebody has signalled for all, and nothing is asked; in
-    /// lockstep, where everybody is waited for, whoever comes then has just joined.
-    fn asks(&mut self, scan: u64) -> bool {
-        let boundary = scan - scan % self.period_scans;
-        let unasked = self.lockstep && scan != boundary;
-        if unasked || self.answered.is_some_and(|answered| answered >= boundary) {
-            return false;
-        }
-        self.answered = Some(boundary);
-        true
-    }
-}
-
 /// The ports of a planner process: shared memory, and the cell's folder of programs.
 #[derive(Debug)]
 pub struct BusPorts {
@@ -177,11 +155,10 @@ impl BusPorts {
             feedback: bus.feedback_reader(SCAN_DEPTH)?,
             windows: bus.window_writer()?,
             status: bus.planner_writer()?,
-            boundaries: Boundaries {
-                period_scans: u64::from(period_scans.max(1)),
-                lockstep: member.slot.pace == Pace::Lockstep,
-                answered: None,
-            },
+            boundaries: Boundaries::every(
+                u64::from(period_scans),
+                member.slot.pace == Pace::Lockstep,
+            ),
             last: member.slot.after_scan,
             places: KeptPlaces::of_cell(&paths),
             keeper: Keeper::of_cell(paths.clone(), stays),
@@ -279,7 +256,7 @@ impl PlannerPorts for BusPorts {
                 })) => {
                     return UserCode::Failed(format!("line {}: {why}", call.line));
                 }
-                Ok(None) if !self.boundaries.lockstep => return UserCode::Runs,
+                Ok(None) if self.member.slot.pace != Pace::Lockstep => return UserCode::Runs,
                 // In lockstep it takes no time of the machine, so that the run is the same every time.
                 Ok(None) if self.member.launcher_lives() && !self.member.ending() => {
                     std::thread::sleep(USER_CODE_LOOK);
@@ -310,30 +287,5 @@ impl PlannerPorts for BusPorts {
 
     fn answered(&mut self, scan: u64) {
         self.member.answered(scan);
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::Boundaries;
-
-    fn asked(lockstep: bool, scans: &[u64]) -> Vec<u64> {
-        let mut boundaries = Boundaries {
-            period_scans: 4,
-            lockstep,
-            answered: None,
-        };
-        let asks = scans.iter().filter(|scan| boundaries.asks(**scan));
-        asks.copied().collect()
-    }
-
-    #[test]
-    fn each_period_asks_once_also_a_planner_that_woke_late() {
-        assert_eq!(asked(false, &[0, 1, 4, 5, 9, 10, 12]), [0, 4, 9, 12]);
-    }
-
-    #[test]
-    fn in_lockstep_a_planner_that_joined_within_a_period_waits_for_the_next() {
-        assert_eq!(asked(true, &[6, 7, 8, 9, 12]), [8, 12]);
     }
 }

@@ -5,7 +5,7 @@
 
 use std::collections::BTreeMap;
 
-use bus::sample::{AxisCommand, BusCycle, Feedback, Instruments};
+use bus::sample::{AxisCommand, BusCycle, Feedback, Instruments, Signals};
 
 /// Scans that wait for a silent channel.
 const WAITING_SCANS_MAX: usize = 4096;
@@ -21,6 +21,8 @@ pub struct ScanSet {
     pub instruments: Option<Box<Instruments>>,
     /// What the fieldbus did; it comes before the instruments, and no scan waits for it.
     pub bus_cycle: Option<Box<BusCycle>>,
+    /// What named inputs and outputs showed; as what the fieldbus did.
+    pub signals: Option<Box<Signals>>,
     /// What the servos asked for, per axis; of two roles, which say the same, role a.
     pub commands: Vec<Option<Box<AxisCommand>>>,
 }
@@ -102,6 +104,13 @@ impl Aligner {
     pub fn bus_cycle(&mut self, sample: Box<BusCycle>) {
         if let Some(set) = self.waiting.get_mut(&sample.scan) {
             set.bus_cycle = Some(sample);
+        }
+    }
+
+    /// Takes what named inputs and outputs showed.
+    pub fn signals(&mut self, sample: Box<Signals>) {
+        if let Some(set) = self.waiting.get_mut(&sample.scan) {
+            set.signals = Some(sample);
         }
     }
 

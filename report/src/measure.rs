@@ -217,7 +217,7 @@ impl Analysis {
             Sample::Command(sample) => self.aligner.command(sample),
             Sample::Window(_) => self.windows += 1,
             Sample::Roster(roster) => self.faults.roster(&roster),
-            Sample::BusCycle(_) | Sample::Planner(_) | Sample::Event(_) => {}
+            Sample::BusCycle(_) | Sample::Signals(_) | Sample::Planner(_) | Sample::Event(_) => {}
         }
         while let Some(set) = self.aligner.next_whole() {
             self.scan(&set);

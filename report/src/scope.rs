@@ -227,6 +227,7 @@ impl Scope {
             Sample::Feedback(sample) => self.aligner.feedback(sample),
             Sample::Instruments(sample) => self.aligner.instruments(sample),
             Sample::BusCycle(sample) => self.aligner.bus_cycle(sample),
+            Sample::Signals(sample) => self.aligner.signals(sample),
             Sample::Command(sample) => self.aligner.command(sample),
             Sample::Roster(roster) => self.watch.roster(&roster),
             Sample::Window(_) | Sample::Planner(_) | Sample::Event(_) => {}

@@ -192,6 +192,10 @@ wire_enum! {
         NotOperators = 34 => "this signal has another source: only forcing holds it at a value",
         /// As many signals as may be are set or forced.
         SignalsHeld = 35 => "as many signals are set or forced as may be at a time: release one first",
+        /// The logic of the machine is lost.
+        LogicLost = 36 => "the machine's own logic does not answer: wait until it is there again",
+        /// The logic of the machine does not allow it now.
+        LogicInhibits = 37 => "the machine's own logic does not allow it now",
     }
     /// Why, and what would be right.
     pub fn words

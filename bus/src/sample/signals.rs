@@ -59,7 +59,7 @@ pub struct Signals {
     /// The values.
     pub values: [f64; SIGNALS_MAX],
 }
-table!(Signals: scan, visible_from, lost, forced, count, reserved, values);
+table!(Signals: scan, visible_from, lost, forced, count, reserved, values @ Signals);
 
 impl Signals {
     /// The values of the signals there are.

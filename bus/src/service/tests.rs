@@ -13,6 +13,7 @@ fn a_member_waits_for_a_writers_place() {
         period_scans: 4,
         has_bus: false,
         has_signals: false,
+        has_logic: false,
     };
     let enter = |who| Bus::enter(&place, &shape, who, false).expect("shared memory");
     let launcher = Bus::enter(&place, &shape, "launcher", true).expect("shared memory");

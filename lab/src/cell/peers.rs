@@ -305,8 +305,8 @@ impl Peers {
                 self.master_killed = Some(MasterKilled { replaced });
                 return Flow::Leave;
             }
-            // The drives of this cell are simulated.
-            Job::Master | Job::Fieldbus => {}
+            // The drives of this cell are simulated, and it has no logic of its own.
+            Job::Master | Job::Fieldbus | Job::Logic => {}
             Job::Planner => {
                 if is_replaced(step, self.planner.life, replaced) {
                     let (name, text) = &self.program;

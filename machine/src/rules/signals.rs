@@ -4,7 +4,7 @@ use bus::sample::SIGNALS_MAX;
 
 use crate::machine::Machine;
 use crate::settings_file::Rules;
-use crate::signals::{Signal, SignalKind, SignalSource};
+use crate::signals::{SetBy, Signal, SignalKind, SignalSource};
 
 const NAME_LENGTH_MAX: usize = 40;
 
@@ -140,6 +140,9 @@ fn wrong_source(machine: &Machine, signal: &Signal) -> Option<String> {
             "must name one source: drive and bit, terminal and channel, output, analog_output, state, or by".into(),
         );
     }
+    if from.by == Some(SetBy::Logic) && machine.logic.is_none() {
+        return Some("names the logic, and the file has no [logic]".into());
+    }
     if from.output.is_some() && signal.kind != SignalKind::Bool {
         return Some("output is a switch: kind = \"bool\"".into());
     }
@@ -190,6 +193,7 @@ impl SignalSource {
             (Some(output), ..) => format!("the program (M64 P{output})"),
             (_, Some(output), ..) => format!("the program (M68 E{output})"),
             (_, _, Some(_), _) => "the controller".into(),
+            (_, _, _, Some(SetBy::Logic)) => "the logic".into(),
             _ => "the operator".into(),
         }
     }

@@ -6,6 +6,7 @@ use bus::sample::{
 use bytemuck::Zeroable;
 use machine::{Machine, MachineState, SetBy, Signal, SignalKind};
 
+use super::logic::LogicOfMachine;
 use super::orders::Refusal;
 use super::{Master, STANDSTILL_MM_S};
 use crate::drives::{AuxiliaryFeedback, Drives, InputFeedback};
@@ -19,6 +20,7 @@ enum Source {
     AnalogOutput(usize),
     State(MachineState),
     Operator,
+    Logic,
 }
 
 /// One signal, as it is worked out in each scan.
@@ -43,6 +45,7 @@ impl Planned {
             (_, Some(output), ..) => Source::AnalogOutput(output as usize),
             (_, _, Some(state), _) => Source::State(state),
             (_, _, _, Some(SetBy::Operator)) => Source::Operator,
+            (_, _, _, Some(SetBy::Logic)) => Source::Logic,
             _ => Source::Device,
         };
         let to = signal.to.as_ref();
@@ -123,6 +126,8 @@ pub(super) struct NamedSignals {
     functions: Functions,
     latches: SignalLatches,
     shown: Box<Signals>,
+    /// The machine's own logic, where it has one.
+    pub logic: Option<LogicOfMachine>,
     /// Buttons in the scan before: cycle start, feed hold.
     pressed: [bool; 2],
     /// Overrides in the scan before, of feed and rapids.
@@ -144,6 +149,7 @@ impl NamedSignals {
             planned,
             latches: SignalLatches::default(),
             shown,
+            logic: LogicOfMachine::new(machine),
             // What is pressed from the beginning is no press.
             pressed: [true; 2],
             turned: [None; 2],
@@ -199,6 +205,10 @@ impl NamedSignals {
                 }
                 Source::AnalogOutput(output) => levels.analog.get(output).copied(),
                 Source::State(state) => Some(value_of(state, levels, mode, held)),
+                Source::Logic => {
+                    let logic = self.logic.as_ref();
+                    logic.and_then(|logic| logic.value(index, planned.default))
+                }
                 Source::Operator => {
                     Some(self.held(index).map_or(planned.default, |held| held.value))
                 }
@@ -425,7 +435,8 @@ impl<D: Drives> Master<D> {
                 self.rest_all_by_hand();
             }
         }
-        if (door || self.signals.not_ready().is_some()) && self.program.is_running() {
+        let not_ready = self.signals.not_ready().is_some();
+        if (door || not_ready) && self.program.is_running() {
             self.modes.hold();
         }
         let [feed, rapid] = self.signals.take_turned();
@@ -474,6 +485,9 @@ impl<D: Drives> Master<D> {
         if self.signals.door_is_open() {
             return Err(Refused::DoorOpen.into());
         }
+        if let Some(logic) = &self.signals.logic {
+            logic.allows(program)?;
+        }
         if !program {
             return Ok(());
         }
@@ -502,8 +516,11 @@ impl<D: Drives> Master<D> {
 
     /// Why drives may not be switched on.
     pub(super) fn drives_may(&self) -> Result<(), Refusal> {
-        match self.signals.keeps_drives_off() {
-            Some((_, refused)) => Err(refused.into()),
+        if let Some((_, refused)) = self.signals.keeps_drives_off() {
+            return Err(refused.into());
+        }
+        match &self.signals.logic {
+            Some(logic) => Ok(logic.lets_drives_on()?),
             None => Ok(()),
         }
     }

@@ -93,8 +93,8 @@ impl Form {
     }
 }
 
-/// All channels of a log; among them, by index, the channels of each axis and of the fieldbus.
-pub(super) type Made = (Vec<Channel>, Vec<AxisChannels>, Option<usize>);
+/// All channels of a log; among them, by index, the channels of each axis, of the fieldbus and of the signals.
+pub(super) type Made = (Vec<Channel>, Vec<AxisChannels>, [Option<usize>; 2]);
 
 pub(super) fn make_channels(
     writer: &mut Writer<Sink>,
@@ -106,6 +106,7 @@ pub(super) fn make_channels(
         feedback,
         instruments,
         bus_cycle: cycle,
+        signals,
         command,
         planner,
         roster,
@@ -137,6 +138,10 @@ pub(super) fn make_channels(
     if bus_cycle.is_some() {
         plan.push((topic("/bus_cycle"), columns(cycle), LogLevel::Control));
     }
+    let of_signals = (!machine.signals.is_empty()).then_some(plan.len());
+    if of_signals.is_some() {
+        plan.push((topic("/signals"), columns(signals), LogLevel::Axes));
+    }
     let states = plan.len();
     for axis in &extent.axes {
         let whole = columns(Layout::of::<AxisCommand>(extent));
@@ -155,7 +160,7 @@ pub(super) fn make_channels(
         whole: states + axis,
         whole_is_due: true,
     });
-    Ok((channels, commands.collect(), bus_cycle))
+    Ok((channels, commands.collect(), [bus_cycle, of_signals]))
 }
 
 /// Layout of the header, schema of the whole message.

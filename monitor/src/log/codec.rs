@@ -4,7 +4,7 @@
 
 use bus::sample::{
     AxisCommand, BusCycle, Feedback, Instruments, MAX_WINDOW_SETPOINTS, PlannerStatus, Roster,
-    Setpoint, WindowHeader,
+    Setpoint, Signals, WindowHeader,
 };
 use bytemuck::{CheckedBitPattern, Pod, Zeroable};
 use machine::LogLevel;
@@ -46,6 +46,8 @@ pub enum Content {
     Event,
     /// What the fieldbus did.
     BusCycle,
+    /// What named inputs and outputs showed.
+    Signals,
 }
 
 impl Content {
@@ -55,6 +57,7 @@ impl Content {
             "/feedback" => Content::Feedback,
             "/instruments" => Content::Instruments,
             "/bus_cycle" => Content::BusCycle,
+            "/signals" => Content::Signals,
             "/window" => Content::Window,
             "/planner" => Content::Planner,
             "/roster" => Content::Roster,
@@ -69,6 +72,7 @@ impl Content {
             SampleRef::Feedback(_) => Content::Feedback,
             SampleRef::Instruments(_) => Content::Instruments,
             SampleRef::BusCycle(_) => Content::BusCycle,
+            SampleRef::Signals(_) => Content::Signals,
             SampleRef::Command(..) => Content::Command,
             SampleRef::Window(..) => Content::Window,
             SampleRef::Planner(_) => Content::Planner,
@@ -85,6 +89,7 @@ pub(crate) struct Codec {
     pub(crate) feedback: Layout,
     pub(crate) instruments: Layout,
     pub(crate) bus_cycle: Layout,
+    pub(crate) signals: Layout,
     pub(crate) command: Layout,
     pub(crate) planner: Layout,
     pub(crate) roster: Layout,
@@ -112,6 +117,7 @@ impl Codec {
             feedback: Layout::without::<Feedback>(extent, left_out),
             instruments: Layout::without::<Instruments>(extent, left_out),
             bus_cycle: Layout::without::<BusCycle>(extent, left_out),
+            signals: Layout::without::<Signals>(extent, left_out),
             command: Layout::without::<AxisCommand>(extent, left_out),
             planner: Layout::without::<PlannerStatus>(extent, left_out),
             roster: Layout::of::<Roster>(extent),
@@ -126,6 +132,7 @@ impl Codec {
             Content::Feedback => &self.feedback,
             Content::Instruments => &self.instruments,
             Content::BusCycle => &self.bus_cycle,
+            Content::Signals => &self.signals,
             Content::Command => &self.command,
             Content::Planner => &self.planner,
             Content::Window | Content::Roster | Content::Event => return None,
@@ -138,6 +145,7 @@ impl Codec {
             SampleRef::Feedback(s) => self.feedback.encode(bytemuck::bytes_of(s), message),
             SampleRef::Instruments(s) => self.instruments.encode(bytemuck::bytes_of(s), message),
             SampleRef::BusCycle(s) => self.bus_cycle.encode(bytemuck::bytes_of(s), message),
+            SampleRef::Signals(s) => self.signals.encode(bytemuck::bytes_of(s), message),
             SampleRef::Command(_, s) => self.command.encode(bytemuck::bytes_of(s), message),
             SampleRef::Planner(s) => self.planner.encode(bytemuck::bytes_of(s), message),
             SampleRef::Roster(s) => self.roster.encode(bytemuck::bytes_of(s), message),
@@ -166,6 +174,7 @@ impl Codec {
             Content::Feedback => Sample::Feedback(Box::new(pod(&self.feedback, body)?)),
             Content::Instruments => Sample::Instruments(Box::new(pod(&self.instruments, body)?)),
             Content::BusCycle => Sample::BusCycle(Box::new(pod(&self.bus_cycle, body)?)),
+            Content::Signals => Sample::Signals(Box::new(pod(&self.signals, body)?)),
             Content::Command => Sample::Command(Box::new(pod(&self.command, body)?)),
             Content::Planner => Sample::Planner(pod(&self.planner, body)?),
             Content::Roster => Sample::Roster(Box::new(pod(&self.roster, body)?)),

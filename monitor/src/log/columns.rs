@@ -192,6 +192,7 @@ mod tests {
                 .map(|axis| axis.to_string())
                 .collect(),
             subsamples: 4,
+            signals: Vec::new(),
         };
         Columns::of(Layout::of::<Feedback>(&extent))
     }

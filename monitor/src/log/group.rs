@@ -60,7 +60,7 @@ impl Group {
         bytes: Vec<u8>,
     ) {
         let order = match content {
-            Content::BusCycle => 0,
+            Content::BusCycle | Content::Signals => 0,
             Content::Instruments => 1,
             Content::Command => 2,
             _ => 3,
@@ -139,6 +139,7 @@ mod tests {
         let extent = Extent {
             axes: vec!["X".into()],
             subsamples: 1,
+            signals: Vec::new(),
         };
         let codec = Codec::of_level(&extent, LogLevel::Control);
         let columns = Columns::of(codec.planner.clone());

@@ -12,6 +12,8 @@ pub struct Extent {
     pub axes: Vec<String>,
     /// Instrument samples within a scan.
     pub subsamples: usize,
+    /// Names of the signals, in order.
+    pub signals: Vec<String>,
 }
 
 impl Extent {
@@ -20,6 +22,11 @@ impl Extent {
         Extent {
             axes: machine.axes.iter().map(|axis| axis.name.clone()).collect(),
             subsamples: machine.subsamples() as usize,
+            signals: machine
+                .signals
+                .iter()
+                .map(|signal| signal.name.clone())
+                .collect(),
         }
     }
 }
@@ -162,13 +169,14 @@ impl<'a> Builder<'a> {
         }
     }
 
-    /// Names of the elements of an array of axes.
-    fn axes_of(&self, cut: Cut) -> &'a [String] {
+    /// Names of the elements of an array of axes or signals.
+    fn names_of(&self, cut: Cut) -> &'a [String] {
         let axes = self.extent.axes.as_slice();
         let lettered = axes.iter().take_while(|name| machine::is_letter(name));
         match cut {
             Cut::Axes => axes,
             Cut::PathAxes => axes.get(..lettered.count()).unwrap_or(axes),
+            Cut::Signals => &self.extent.signals,
             Cut::Whole | Cut::Subsamples => &[],
         }
     }
@@ -176,7 +184,7 @@ impl<'a> Builder<'a> {
     fn used(&self, cut: Cut, count: usize) -> usize {
         match cut {
             Cut::Whole => count,
-            Cut::Axes | Cut::PathAxes => self.axes_of(cut).len().min(count),
+            Cut::Axes | Cut::PathAxes | Cut::Signals => self.names_of(cut).len().min(count),
             Cut::Subsamples => self.extent.subsamples.min(count),
         }
     }
@@ -209,7 +217,7 @@ impl<'a> Builder<'a> {
             }
             Kind::Array(element, count) => {
                 for index in 0..self.used(cut, *count) {
-                    let axis = self.axes_of(cut).get(index);
+                    let axis = self.names_of(cut).get(index);
                     let part = axis.map_or(index.to_string(), |axis| axis.to_lowercase());
                     let at = offset + index * element.bytes();
                     self.place(&within(&part), element, at, Cut::Whole);
@@ -288,6 +296,7 @@ mod tests {
         Extent {
             axes: letters.into_iter().chain(others).take(axes).collect(),
             subsamples,
+            signals: vec!["door".into(), "pump".into()],
         }
     }
 
@@ -344,6 +353,7 @@ mod tests {
         agrees::<Feedback>("Feedback");
         agrees::<Instruments>("Instruments");
         agrees::<BusCycle>("BusCycle");
+        agrees::<Signals>("Signals");
         agrees::<AxisCommand>("AxisCommand");
         agrees::<PlannerStatus>("PlannerStatus");
         agrees::<Roster>("Roster");

@@ -92,6 +92,7 @@ struct Newest {
     feedback: Option<u64>,
     instruments: Option<u64>,
     bus_cycle: Option<u64>,
+    signals: Option<u64>,
     commands: [[Option<u64>; 2]; bus::sample::MAX_AXES],
     planner: Option<(u64, u32)>,
     roster: Option<u64>,
@@ -111,6 +112,7 @@ impl Newest {
             Sample::Feedback(s) => Self::step(before.feedback, &mut self.feedback, s.scan),
             Sample::Instruments(s) => Self::step(before.instruments, &mut self.instruments, s.scan),
             Sample::BusCycle(s) => Self::step(before.bus_cycle, &mut self.bus_cycle, s.scan),
+            Sample::Signals(s) => Self::step(before.signals, &mut self.signals, s.scan),
             Sample::Command(s) => {
                 let (axis, role) = (s.axis as usize, s.role as usize);
                 let earlier = before.commands.get(axis).and_then(|roles| roles.get(role));

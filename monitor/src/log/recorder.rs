@@ -75,6 +75,7 @@ pub struct Recorder {
     unpacked_bytes: usize,
     /// Channel of the fieldbus, of a machine that has one.
     bus_cycle: Option<usize>,
+    signals: Option<usize>,
     rows: Rows,
     whole_rows: Vec<(usize, u64, AxisRow)>,
     flushed: Instant,
@@ -171,7 +172,8 @@ impl Recorder {
                 data: Cow::Borrowed(data),
             })?;
         }
-        let (channels, commands, bus_cycle) = make_channels(&mut writer, machine, &extent, level)?;
+        let made = make_channels(&mut writer, machine, &extent, level)?;
+        let (channels, commands, [bus_cycle, signals]) = made;
         // A successor of a recorder that was ready finds at least its beginning.
         writer.flush()?;
         Ok(Recorder {
@@ -192,6 +194,7 @@ impl Recorder {
             unpacked: Vec::new(),
             unpacked_bytes: 0,
             bus_cycle,
+            signals,
             rows: Rows::new(machine),
             whole_rows: Vec::new(),
             flushed: Instant::now(),
@@ -232,6 +235,9 @@ impl Recorder {
             SampleRef::BusCycle(_) => self.bus_cycle.ok_or_else(|| {
                 LogError::BadSample("a cycle of a fieldbus: this machine has none".into())
             })?,
+            SampleRef::Signals(_) => self
+                .signals
+                .ok_or_else(|| LogError::BadSample("signals: this machine has none".into()))?,
             SampleRef::Command(axis, command) => {
                 let which = self.command_channel(axis, command.role as usize)?;
                 self.take_command(which, axis, command)?;

@@ -95,6 +95,9 @@ impl RunInfo {
         ] {
             metadata.insert(key.into(), value);
         }
+        if !extent.signals.is_empty() {
+            metadata.insert("signals".into(), extent.signals.join(" "));
+        }
         mcap::records::Metadata {
             name: RUN_RECORD.into(),
             metadata,
@@ -105,6 +108,15 @@ impl RunInfo {
     pub(super) fn from_record(
         mut metadata: BTreeMap<String, String>,
     ) -> Result<(RunInfo, Extent, u32), String> {
+        let signals = metadata.remove("signals").unwrap_or_default();
+        let signals: Vec<String> = signals.split_whitespace().map(str::to_string).collect();
+        if signals.len() > bus::sample::SIGNALS_MAX {
+            return Err(format!(
+                "names {} signals: must be at most {}",
+                signals.len(),
+                bus::sample::SIGNALS_MAX
+            ));
+        }
         let mut take = |key: &str| {
             metadata
                 .remove(key)
@@ -150,6 +162,7 @@ impl RunInfo {
         let extent = Extent {
             axes,
             subsamples: subsamples as usize,
+            signals,
         };
         Ok((info, extent, scan_period_us))
     }

@@ -1,7 +1,8 @@
 //! One sample of a run, whichever channel it came on.
 
 use bus::sample::{
-    AxisCommand, BusCycle, Feedback, Instruments, PlannerStatus, Roster, Setpoint, WindowHeader,
+    AxisCommand, BusCycle, Feedback, Instruments, PlannerStatus, Roster, Setpoint, Signals,
+    WindowHeader,
 };
 use xxhash_rust::xxh3::Xxh3;
 
@@ -31,6 +32,8 @@ pub enum Sample {
     Instruments(Box<Instruments>),
     /// What the fieldbus did.
     BusCycle(Box<BusCycle>),
+    /// What named inputs and outputs showed.
+    Signals(Box<Signals>),
     /// What a servo asked for.
     Command(Box<AxisCommand>),
     /// What the planner published.
@@ -62,6 +65,8 @@ pub enum SampleRef<'a> {
     Instruments(&'a Instruments),
     /// What the fieldbus did.
     BusCycle(&'a BusCycle),
+    /// What named inputs and outputs showed.
+    Signals(&'a Signals),
     /// What a servo of the axis with this index asked for.
     Command(usize, &'a AxisCommand),
     /// What the planner published: header, intended setpoints, and a checksum of those that brake to rest.
@@ -89,6 +94,7 @@ impl<'a> SampleRef<'a> {
             SampleRef::Feedback(sample) => bytemuck::bytes_of(*sample),
             SampleRef::Instruments(sample) => bytemuck::bytes_of(*sample),
             SampleRef::BusCycle(sample) => bytemuck::bytes_of(*sample),
+            SampleRef::Signals(sample) => bytemuck::bytes_of(*sample),
             SampleRef::Command(_, sample) => bytemuck::bytes_of(*sample),
             SampleRef::Planner(sample) => bytemuck::bytes_of(*sample),
             SampleRef::Roster(_) | SampleRef::Window(..) | SampleRef::Event(_) => return None,
@@ -104,6 +110,7 @@ impl<'a> SampleRef<'a> {
             SampleRef::Instruments(_)
             | SampleRef::Roster(_)
             | SampleRef::BusCycle(_)
+            | SampleRef::Signals(_)
             | SampleRef::Window(..)
             | SampleRef::Event(_) => return None,
         })
@@ -115,6 +122,7 @@ impl<'a> SampleRef<'a> {
             SampleRef::Feedback(sample) => sample.scan,
             SampleRef::Instruments(sample) => sample.scan,
             SampleRef::BusCycle(sample) => sample.scan,
+            SampleRef::Signals(sample) => sample.scan,
             SampleRef::Command(_, sample) => sample.scan,
             SampleRef::Window(header, ..) => header.visible_from,
             SampleRef::Planner(sample) => sample.scan,
@@ -131,6 +139,7 @@ impl Sample {
             Sample::Feedback(sample) => SampleRef::Feedback(sample),
             Sample::Instruments(sample) => SampleRef::Instruments(sample),
             Sample::BusCycle(sample) => SampleRef::BusCycle(sample),
+            Sample::Signals(sample) => SampleRef::Signals(sample),
             Sample::Command(sample) => SampleRef::Command(axis, sample),
             Sample::Window(window) => {
                 SampleRef::Window(&window.header, &window.setpoints, window.tail_checksum)

@@ -164,7 +164,7 @@ pub struct Signal {
     pub unit: Unit,
     /// What it is, for people.
     pub about: &'static str,
-    /// Index of its axis; 0 where it is of none.
+    /// Index of its axis, or of its named input or output; 0 where it is of none.
     axis: usize,
     see: See,
 }
@@ -176,7 +176,7 @@ impl PartialEq for Signal {
 }
 
 impl Signal {
-    /// All signals of a machine, axis by axis, then those of the cell, then those of its fieldbus.
+    /// All signals of a machine, axis by axis, then those of the cell, its named inputs and outputs, then those of its fieldbus.
     pub fn all(machine: &Machine) -> Vec<Signal> {
         let of_axes = |kinds: &'static [Kind]| {
             let axes = machine.axes.iter().enumerate();
@@ -191,10 +191,23 @@ impl Signal {
             kinds.iter().map(signal)
         };
         let mut all: Vec<Signal> = of_axes(&OF_AXIS).chain(of_cell("", &OF_CELL)).collect();
+        let named = machine.signals.iter().enumerate();
+        all.extend(named.map(|(index, signal)| Signal::named(&signal.name, index)));
         if machine.bus.is_some() {
             all.extend(of_axes(&OF_DRIVE).chain(of_cell("bus.", &OF_BUS)));
         }
         all
+    }
+
+    /// A named input or output of the machine.
+    fn named(name: &str, index: usize) -> Signal {
+        Signal {
+            name: format!("signal.{name}"),
+            unit: NUMBER[0],
+            about: "input or output that the machine file names so; 0 or 1 of a switch",
+            axis: index,
+            see: |of| of.set.signals.as_ref()?.values().get(of.axis).copied(),
+        }
     }
 
     fn of(&(word, units, about, see): &Kind, prefix: &str, kind: AxisKind, axis: usize) -> Signal {

@@ -279,6 +279,7 @@ pub fn kind_of(job: Job, action: &Action) -> (&'static str, &'static str) {
         Job::Master => "master",
         Job::Monitor => "monitor",
         Job::Fieldbus => "fieldbus",
+        Job::Logic => "logic",
     };
     let what = match action {
         Action::Kill { .. } => "kill",

@@ -113,6 +113,7 @@ pub(super) fn shape(axes: usize) -> Shape {
         period_scans: 8,
         has_bus: false,
         has_signals: false,
+        has_logic: false,
     }
 }
 

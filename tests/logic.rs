@@ -1,0 +1,218 @@
+//! The machine's own logic as a process of the cell: asked, killed, hung, wrong, and always safe.
+
+use std::fs;
+use std::path::Path;
+
+use bus::sample::{Cause, Mode};
+use monitor::log::{Reader, Sample};
+use serde_json::Value;
+
+use crate::support::{Bench, LiveCell, root, run_with};
+use crate::up::{obeyed, refused};
+
+/// A chuck that a button opens as long as nothing turns, a lamp, and a pump that is to be off when nobody says otherwise.
+const SIGNALS: &str = r#"
+[[signal]]
+name = "button"
+from = { by = "operator" }
+[[signal]]
+name = "request"
+from = { output = 5 }
+[[signal]]
+name = "pump"
+lost = 0
+from = { by = "logic" }
+to = { terminal = 4, channel = 1 }
+[[signal]]
+name = "level"
+kind = "float"
+from = { by = "logic" }
+to = { analog_input = 1 }
+"#;
+
+/// The pump follows the program's output 5, the level is the number of questions.
+const LOGIC: &str = r#"
+import sys
+sys.path.insert(0, "PYTHON")
+import quadrant_logic
+
+asked = 0
+
+def update(io):
+    global asked
+    asked += 1
+    io["pump"] = io["request"]
+    io["level"] = asked
+    if io["button"]:
+        io.inhibit()
+
+quadrant_logic.run(update)
+"#;
+
+fn machine(logic: &str, more: &str) -> Bench {
+    let name = "name = \"xy\"\n";
+    let table = format!("[logic]\ncommand = [\"python3\", \"./logic.py\"]\n{more}\n");
+    let bench = Bench::of("xy", &[(name, &format!("{name}{SIGNALS}{table}"))]);
+    let python = root().join("python").display().to_string();
+    bench.file("logic.py", &logic.replace("PYTHON", &python));
+    bench
+}
+
+const PROGRAM: &str = "G21 G90 G17 G94\nM64 P5\nG1 X30 F3000\nM65 P5\nG1 X0\nM2\n";
+
+fn digests(out: &Path) -> (String, String) {
+    let text = fs::read_to_string(out.join("report.json")).expect("a report");
+    let report: Value = serde_json::from_str(&text).expect("its JSON");
+    let digest = |key: &str| report[key].as_str().expect("a digest").to_string();
+    (digest("digest"), digest("motion_digest"))
+}
+
+/// Values of a signal in a log, scan by scan.
+fn course(out: &Path, index: usize) -> Vec<(u64, f64, bool)> {
+    let samples = Reader::open(&out.join("run.mcap")).expect("the log");
+    let of_signal = |sample| match sample {
+        Ok(Sample::Signals(signals)) => {
+            Some((signals.scan, signals.values[index], signals.lost.has(index)))
+        }
+        _ => None,
+    };
+    samples.filter_map(of_signal).collect()
+}
+
+#[test]
+fn logic_is_asked_in_lockstep_the_same_on_every_run_and_moves_nothing() {
+    let bench = machine(LOGIC, "");
+    let program = bench.file("program.ngc", PROGRAM);
+    let runs = [(), ()].map(|()| {
+        let run = run_with(bench.path(), &program, &[]);
+        assert_eq!(run.status(), 0, "{}", run.stderr());
+        digests(&run.out)
+    });
+    assert_eq!(runs[0], runs[1]);
+    let plain = Bench::of("xy", &[]);
+    let run = run_with(plain.path(), &program, &[]);
+    assert_eq!(
+        digests(&run.out).1,
+        runs[0].1,
+        "logic that touches no motion changes none"
+    );
+}
+
+/// Between the death of the logic and its return the pump is off, within two scans of the death.
+#[test]
+fn killed_logic_leaves_no_output_on_and_holds_the_machine() {
+    let bench = machine(LOGIC, "");
+    let program = bench.file("program.ngc", PROGRAM);
+    let faults = "[[fault]]\nat = { scan = 300 }\nprocess = \"logic\"\ndo = \"kill\"\nrestart_after_scans = 400\n";
+    let faults = bench.file("faults.toml", faults).display().to_string();
+    let orders = "[[order]]\nscan = 900\norder = \"resume\"\n";
+    let orders = bench.file("orders.toml", orders).display().to_string();
+    let run = run_with(
+        bench.path(),
+        &program,
+        &["--faults", &faults, "--orders", &orders],
+    );
+    assert_eq!(run.status(), 0, "{}", run.stderr());
+    let pump = course(&run.out, 2);
+    let at = |scan: u64| *pump.iter().find(|(at, ..)| *at == scan).expect("a scan");
+    assert_eq!((at(299).1, at(299).2), (1.0, false));
+    assert_eq!((at(302).1, at(302).2), (0.0, true));
+    assert_eq!((at(690).1, at(690).2), (0.0, true));
+    assert_eq!((at(720).1, at(720).2), (1.0, false));
+    let samples = Reader::open(&run.out.join("run.mcap")).expect("the log");
+    let held = samples.filter_map(|sample| match sample {
+        Ok(Sample::Feedback(now)) if now.scan == 600 => Some((now.hold, now.mode)),
+        _ => None,
+    });
+    assert_eq!(held.last(), Some((1, Mode::Enabled as u32)));
+}
+
+/// Logic that says what it may not, ends or says nothing that can be read is lost, with the reason in the messages, and comes back.
+#[test]
+fn logic_that_is_wrong_is_lost_and_started_again() {
+    for (wrong, words) in [
+        (
+            "io._said['set']['button'] = 1",
+            "sets \"button\", which is no signal of the logic",
+        ),
+        ("io._said['set']['pump'] = 0.5", "sets pump to 0.5"),
+        ("raise SystemExit(7)", "ended with exit status: 7"),
+        ("print('hello', flush=True)", "it says \"hello\""),
+    ] {
+        let counts = format!(
+            "    asked += 1\n    if asked == 40 and io.hello['starts'] == 1:\n        {wrong}"
+        );
+        let bench = machine(
+            &LOGIC.replace("    asked += 1", &counts),
+            "on_loss = \"go-on\"",
+        );
+        let program = bench.file("program.ngc", PROGRAM);
+        let run = run_with(bench.path(), &program, &[]);
+        assert_eq!(run.status(), 0, "{wrong}: {}", run.stderr());
+        assert!(run.stderr().contains(words), "{wrong}: {}", run.stderr());
+        let pump = course(&run.out, 2);
+        let lost = pump
+            .iter()
+            .filter(|(_, value, lost)| *lost && *value == 0.0)
+            .count();
+        // Lost where it was wrong, until the next question found it again.
+        assert!((8..=17).contains(&lost), "{wrong}: {lost}");
+    }
+}
+
+#[test]
+fn logic_that_cannot_begin_starts_no_cell() {
+    for (command, words) in [
+        ("\"./is-not-there\"", "is-not-there"),
+        (
+            "\"python3\", \"-c\", \"print('no')\"",
+            "its first line is \"no\"",
+        ),
+        ("\"false\"", "ended with exit status: 1"),
+    ] {
+        let bench = machine(LOGIC, "");
+        let file = bench.path().join("machine.toml");
+        let text = fs::read_to_string(&file).expect("machine.toml");
+        bench.file(
+            "machine.toml",
+            &text.replace("\"python3\", \"./logic.py\"", command),
+        );
+        let program = bench.file("program.ngc", PROGRAM);
+        let run = run_with(bench.path(), &program, &[]);
+        assert_eq!(run.status(), 3, "{command}: {}", run.stderr());
+        assert!(run.stderr().contains(words), "{command}: {}", run.stderr());
+    }
+}
+
+/// In realtime: hung logic is late, lost and started again; nothing is resumed meanwhile.
+#[test]
+fn logic_that_hangs_is_lost_after_its_deadline_and_started_again() {
+    let hangs = "    asked += 1\n    if io['button'] and io.hello['starts'] == 1:\n        import time\n        time.sleep(1000)";
+    let bench = machine(&LOGIC.replace("    asked += 1", hangs), "deadline_ms = 500");
+    let mut cell = LiveCell::up(bench.path(), "realtime");
+    cell.wait_for(|_| true);
+    obeyed(&cell, &["enable"]);
+    let program = bench.file("program.ngc", &crate::support::endless_program());
+    obeyed(&cell, &["load", &program.display().to_string()]);
+    obeyed(&cell, &["start"]);
+    cell.wait_for(|now| now.window.sequence > 4);
+    obeyed(&cell, &["signal", "set", "button", "on"]);
+    let now = cell.wait_for(|now| now.hold == 1);
+    assert_eq!(
+        (now.mode, now.cause),
+        (Mode::Enabled as u32, Cause::None as u32)
+    );
+    // The one that was started again inhibits as long as the button is on.
+    refused(&cell, &["resume"], "logic");
+    obeyed(&cell, &["signal", "set", "button", "off"]);
+    let again = || {
+        let resumed = crate::up::ask(&cell, &["resume"]);
+        resumed.status == 0
+    };
+    assert!((0..100).any(|_| again() || {
+        std::thread::sleep(std::time::Duration::from_millis(50));
+        false
+    }));
+    obeyed(&cell, &["down"]);
+    cell.finish();
+}
