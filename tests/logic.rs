@@ -139,13 +139,10 @@ fn logic_that_is_wrong_is_lost_and_started_again() {
         ("raise SystemExit(7)", "ended with exit status: 7"),
         ("print('hello', flush=True)", "it says \"hello\""),
     ] {
-        let counts = format!(
-            "    asked += 1\n    if asked == 40 and io.hello['starts'] == 1:\n        {wrong}"
-        );
-        let bench = machine(
-            &LOGIC.replace("    asked += 1", &counts),
-            "on_loss = \"go-on\"",
-        );
+        let last = "    if io[\"button\"]:";
+        let counts =
+            format!("    if asked == 40 and io.hello['starts'] == 1:\n        {wrong}\n{last}");
+        let bench = machine(&LOGIC.replace(last, &counts), "on_loss = \"go-on\"");
         let program = bench.file("program.ngc", PROGRAM);
         let run = run_with(bench.path(), &program, &[]);
         assert_eq!(run.status(), 0, "{wrong}: {}", run.stderr());
