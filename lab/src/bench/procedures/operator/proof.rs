@@ -133,9 +133,14 @@ impl Operator<'_> {
             text += &format!(" {}{way_mm}", self.run.cell.machine.axes[*axis].name);
         }
         text += "\n";
-        let from = self.run.cell.now.axes.map(|axis| axis.command_position);
+        // A hold that ended what came last would keep the block.
+        self.makes_ready()?;
         let run = self.run.cell.now.run;
-        self.demand("typed-in blocks", |of| of.typed_of(&text))?;
+        let mut from = [0; MAX_AXES];
+        self.demand("typed-in blocks", |of| {
+            from = of.now.axes.map(|axis| axis.command_position);
+            of.typed_of(&text)
+        })?;
         self.until("a block", K_SCANS, |of| {
             of.now.run > run && of.mode() == Mode::Ready
         })?;
