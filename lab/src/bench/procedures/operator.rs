@@ -183,6 +183,8 @@ impl<'a> Operator<'a> {
             } else {
                 remedies += 1;
                 self.remedy(reason)?;
+                // What he has ordered acts in the next scan.
+                self.scans(1)?;
             }
             if waited > K_SCANS || remedies > REMEDIES_MAX {
                 let state = state(&self.run.cell);
