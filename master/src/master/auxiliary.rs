@@ -133,6 +133,8 @@ pub(super) struct Auxiliary {
     coupling: Coupling,
     /// What the follower asks of the spindle; none while it follows nothing.
     followed: Option<Followed>,
+    /// It is to come into step before anything moves, after it has followed nothing, or a trip.
+    catches_up: bool,
     /// Spindle and coolant act: the program runs, or is held.
     released: bool,
     /// The spindle is on its way back to its speed, after it was stopped in the middle of the program.
@@ -177,6 +179,7 @@ impl Auxiliary {
             waited_scans: 0,
             coupling: Coupling::new(spindle),
             followed: None,
+            catches_up: true,
             released: false,
             comes_back: false,
             messages_after: 0,
@@ -254,7 +257,8 @@ impl Auxiliary {
     /// Whether no motion may be planned: also in the scan in which somebody has resumed and the spindle knows nothing of it yet.
     fn is_blocked(&self) -> bool {
         let spindle = self.turns() && (self.comes_back || !self.released);
-        spindle || self.questions.brakes() || self.questions.waits_for_planner()
+        let out_of_step = self.catches_up && self.followed.is_some();
+        spindle || out_of_step || self.questions.brakes() || self.questions.waits_for_planner()
     }
 
     /// What the feedback shows: machine and changer, what the program asks and has said, inputs and the operator's switches.

@@ -150,7 +150,11 @@ impl<'a> Operator<'a> {
     }
 
     /// Gives an order, and does what its refusals say until it is taken; false where there is nothing left to order.
-    fn demand(&mut self, what: &str, request: impl Fn(&mut Cell) -> OperatorRequest) -> Done<bool> {
+    fn demand(
+        &mut self,
+        what: &str,
+        mut request: impl FnMut(&mut Cell) -> OperatorRequest,
+    ) -> Done<bool> {
         let (mut remedies, mut waited) = (0, 0);
         loop {
             let asks = request(&mut self.run.cell);
@@ -179,6 +183,8 @@ impl<'a> Operator<'a> {
             } else {
                 remedies += 1;
                 self.remedy(reason)?;
+                // What he has ordered acts in the next scan.
+                self.scans(1)?;
             }
             if waited > K_SCANS || remedies > REMEDIES_MAX {
                 let state = state(&self.run.cell);

@@ -7,6 +7,9 @@ use crate::master::Master;
 use crate::master::axis_unit::AxisUnit;
 use crate::master::coupling::{Gear, followed_place_mm};
 
+/// A spindle that lags no more than this behind its axis when the drives come on again makes up for it before anything else moves.
+const CATCH_UP_TURNS: f64 = 1.0;
+
 impl<D: Drives> Master<D> {
     /// Where spindle and axis stand now, the gear between them begins.
     pub(super) fn couple(&mut self, event: &ProgramEvent) {
@@ -40,13 +43,20 @@ impl<D: Drives> Master<D> {
         let motion = axis.and_then(|(gear, unit)| Some((gear, self.followed_motion(&gear, unit)?)));
         let Some((gear, (place_mm, velocity_mm_s))) = motion else {
             self.auxiliary.followed = None;
+            self.auxiliary.catches_up = true;
             return;
         };
         let turns = self.auxiliary.shown.spindle_turns;
         let coupling = self.auxiliary.coupling;
         let followed = coupling.follow(&gear, place_mm, velocity_mm_s, turns);
         self.auxiliary.followed = Some(followed);
-        if followed.lost && self.mode() != Mode::Tripped {
+        let tripped = self.mode() == Mode::Tripped;
+        self.auxiliary.catches_up &= followed.lost;
+        self.auxiliary.catches_up |= tripped;
+        // Of drives that braked each by itself the spindle is out of step by less than a turn: it would trip again and again.
+        let reaches = followed.rpm != 0.0 && followed.lag_turns.abs() <= CATCH_UP_TURNS;
+        let catches_up = self.auxiliary.catches_up && reaches;
+        if followed.lost && !tripped && !catches_up {
             self.trip(Cause::Spindle, u32::MAX);
         }
     }

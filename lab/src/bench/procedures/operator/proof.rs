@@ -10,8 +10,9 @@ use crate::staying::Cell;
 
 /// A machine that stands for so long has come to rest in every respect.
 const STANDS_SCANS: u64 = 300;
-/// A motor of a gantry that stands holds no more than what breaks its own end of the bridge loose, and the noise of that.
-const HELD_SHARE_MAX: f64 = 1.05;
+/// A motor of a gantry that stands holds no more than what breaks its own end of the bridge loose, and this share of what moves the
+/// gantry: friction that creeps, and noise.
+const STORED_SHARE_MAX: f64 = 0.05;
 /// Way of the jog and of the block that show that it can be moved, in mm.
 const WAYS_MM: [f64; 2] = [0.5, 0.75];
 
@@ -133,9 +134,14 @@ impl Operator<'_> {
             text += &format!(" {}{way_mm}", self.run.cell.machine.axes[*axis].name);
         }
         text += "\n";
-        let from = self.run.cell.now.axes.map(|axis| axis.command_position);
+        // A hold that ended what came last would keep the block.
+        self.makes_ready()?;
         let run = self.run.cell.now.run;
-        self.demand("typed-in blocks", |of| of.typed_of(&text))?;
+        let mut from = [0; MAX_AXES];
+        self.demand("typed-in blocks", |of| {
+            from = of.now.axes.map(|axis| axis.command_position);
+            of.typed_of(&text)
+        })?;
         self.until("a block", K_SCANS, |of| {
             of.now.run > run && of.mode() == Mode::Ready
         })?;
@@ -175,8 +181,13 @@ impl Operator<'_> {
             *most = [most[0].max((second - first).abs()), most[1].max(against)];
         }
         self.tell(|_| format!("it stands; % of rated torque, and what moving takes: {held:.1?}"));
-        let too_much = |(holds, moves): &(f64, f64)| holds.abs() > moves * HELD_SHARE_MAX;
-        match held.iter().flatten().any(too_much) {
+        // What a motor holds beyond the friction of its own end, the bridge has stored.
+        let stores = |pair: &[(f64, f64); 2]| {
+            let moves = pair.iter().map(|(_, moves)| moves).sum::<f64>();
+            let beyond = pair.iter().map(|(holds, moves)| holds.abs() - moves);
+            beyond.fold(0.0, f64::max) > STORED_SHARE_MAX * moves
+        };
+        match held.iter().any(stores) {
             false => Ok(()),
             true => Err(Stop::Violation(format!(
                 "its motors pull at each other, % of rated torque, and what moving takes: {held:.1?}: {}",

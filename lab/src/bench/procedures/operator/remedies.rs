@@ -115,13 +115,16 @@ impl Operator<'_> {
 
     /// One axis by hand, exactly so far.
     pub(super) fn jogs(&mut self, axis: usize, way_mm: f64) -> Done {
-        let from = self.run.cell.now.axes[axis].command_position;
-        let request = |_: &mut Cell| OperatorRequest {
-            axis: axis as u32,
-            value: way_mm,
-            ..order(Order::Jog)
-        };
-        self.demand("jog", request)?;
+        // Before the order that is obeyed: while one is refused, an axis that was enabled just now may still follow its encoder.
+        let mut from = 0;
+        self.demand("jog", |cell| {
+            from = cell.now.axes[axis].command_position;
+            OperatorRequest {
+                axis: axis as u32,
+                value: way_mm,
+                ..order(Order::Jog)
+            }
+        })?;
         self.scans(2)?;
         self.rests()?;
         self.ends_at("a jog", from, axis, way_mm)
