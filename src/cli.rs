@@ -6,9 +6,9 @@ use cell::Role;
 use clap::{Args, Parser, Subcommand};
 use launcher::options::{CleanOptions, RunOptions, UpOptions};
 use operator::options::{
-    HomeOptions, JogOptions, JogOverrideOptions, LoadOptions, MdiOptions, OffsetsOptions,
-    OperatorOptions, OptionalStopOptions, OverrideOptions, RapidOverrideOptions, SignalOptions,
-    SingleBlockOptions, StartOptions, ToolOptions, WheelOptions, ZeroOptions,
+    AlarmsOptions, HomeOptions, JogOptions, JogOverrideOptions, LoadOptions, MdiOptions,
+    OffsetsOptions, OperatorOptions, OptionalStopOptions, OverrideOptions, RapidOverrideOptions,
+    SignalOptions, SingleBlockOptions, StartOptions, ToolOptions, WheelOptions, ZeroOptions,
 };
 use prepare::options::{BusOptions, CheckOptions, DoctorOptions, PlanOptions};
 use report::options::{ReportOptions, RunsOptions};
@@ -115,6 +115,8 @@ pub enum Command {
     Offsets(OffsetsOptions),
     /// Show or change the tool table that programs begin with
     Tool(ToolOptions),
+    /// Show the alarms of a running cell's machine, or acknowledge them
+    Alarms(AlarmsOptions),
     /// Show the named inputs and outputs of a running cell, set or force one
     Signal(SignalOptions),
     /// Touch-off: the place where axes are reads 0, or a value, in a work offset

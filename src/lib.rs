@@ -88,6 +88,7 @@ pub fn obey(command: Command, injection: Injection) -> Outcome {
         Command::Home(options) => operator::home(&options),
         Command::Offsets(options) => operator::offsets(&options),
         Command::Tool(options) => operator::tool(&options),
+        Command::Alarms(options) => operator::alarms_of(&options),
         Command::Signal(options) => operator::signal(&options),
         Command::Zero(options) => operator::zero(&options),
         Command::Enable(options) => operator::simple(Order::Enable, &options),

@@ -26,7 +26,7 @@ const IN_A_SCAN: [&str; 9] = [
 ];
 
 /// What lives while axes may move.
-const CELL: [&str; 14] = [
+const CELL: [&str; 16] = [
     "bus",
     "quadrant-console",
     "machine",
@@ -38,6 +38,8 @@ const CELL: [&str; 14] = [
     "master",
     "plant-sim",
     "fieldbus",
+    "logic",
+    "quadrant-logic",
     "monitor",
     "launcher",
     "quadrant-cell",
@@ -52,10 +54,11 @@ const DESK: [&str; 9] = [
 const LAB: [&str; 3] = ["lab", "model", "page-model"];
 
 /// Folders of the crates that have another name than their folder.
-const FOLDERS: [(&str, &str); 5] = [
+const FOLDERS: [(&str, &str); 6] = [
     ("quadrant-console", "console"),
     ("quadrant-cell", "cell"),
     ("quadrant", "."),
+    ("quadrant-logic", "logic/sdk"),
     ("model", "lab/model"),
     ("page-model", "lab/page-model"),
 ];

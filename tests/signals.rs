@@ -1,5 +1,7 @@
 //! Named inputs and outputs, and what the controller does with them, through real processes.
 
+use std::path::Path;
+
 use bus::sample::{Cause, Mode};
 use monitor::log::{Reader, Sample};
 use serde_json::Value;
@@ -215,4 +217,94 @@ fn a_program_switches_outputs_and_reads_inputs_by_what_they_are_bound_to() {
         events.contains("pressure 1.000000 flow 12.500000"),
         "{events}"
     );
+}
+
+/// The events of a cell and of all its runs.
+fn events_below(folder: &Path) -> String {
+    let mut events = std::fs::read_to_string(folder.join("events.jsonl")).unwrap_or_default();
+    for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
+        if entry.path().is_dir() {
+            events += &events_below(&entry.path());
+        }
+    }
+    events
+}
+
+const ALARMS: &str = r#"
+[[signal]]
+name = "air_ok"
+default = 1
+from = { terminal = 3, channel = 5 }
+[[signal]]
+name = "oil"
+kind = "float"
+unit = "bar"
+default = 6
+from = { terminal = 3, channel = 6 }
+[[alarm]]
+number = 700
+text = "no air"
+remedy = "open the main valve"
+signal = "air_ok"
+reaction = "hold"
+[[alarm]]
+number = 710
+text = "oil pressure low"
+signal = "oil"
+below = 4.0
+after_s = 0.05
+reaction = "trip"
+"#;
+
+#[test]
+fn an_alarm_stops_the_machine_stays_until_it_is_acknowledged_and_is_in_the_events() {
+    let bench = machine(ALARMS, "");
+    let mut cell = LiveCell::up(bench.path(), "lockstep");
+    cell.wait_for(|_| true);
+    obeyed(&cell, &["enable"]);
+    let program = bench.file("program.ngc", &crate::support::endless_program());
+    obeyed(&cell, &["load", program.to_str().expect("a path")]);
+    obeyed(&cell, &["start"]);
+    cell.wait_for(|now| now.window.sequence > 4);
+    obeyed(&cell, &["signal", "force", "air_ok", "off"]);
+    cell.wait_for(|now| now.hold == 1 && now.rested == 1);
+    refused(&cell, &["resume"], "alarm");
+    let status = obeyed(&cell, &["status"]);
+    assert!(
+        status.contains("! alarm 700") && status.contains("open the main valve"),
+        "{status}"
+    );
+    assert!(status.contains("signal air_ok is off, forced"), "{status}");
+    obeyed(&cell, &["signal", "release", "air_ok"]);
+    let alarms = obeyed(&cell, &["alarms"]);
+    assert!(
+        alarms.contains("700") && alarms.contains("over, not acknowledged"),
+        "{alarms}"
+    );
+    refused(
+        &cell,
+        &["alarms", "acknowledge", "701"],
+        "no alarm of this number",
+    );
+    obeyed(&cell, &["alarms", "acknowledge", "700"]);
+    assert!(obeyed(&cell, &["alarms"]).contains("no alarm"));
+    obeyed(&cell, &["resume"]);
+    // Too short for its alarm, then long enough.
+    obeyed(&cell, &["signal", "force", "oil", "3.5"]);
+    let now = cell.wait_for(|now| now.mode == Mode::Tripped as u32 && now.rested == 1);
+    assert_eq!(now.cause, Cause::MachineAlarm as u32);
+    refused(&cell, &["enable"], "alarm");
+    obeyed(&cell, &["signal", "release", "oil"]);
+    obeyed(&cell, &["enable"]);
+    obeyed(&cell, &["down"]);
+    let run = cell.finish();
+    let events = events_below(&run.out);
+    for words in [
+        "alarm 700, no air",
+        "alarm 700, no air: acknowledged",
+        "alarm 710, oil pressure low",
+        "signal oil is forced to 3.5",
+    ] {
+        assert!(events.contains(words), "{words}: {events}");
+    }
 }

@@ -252,6 +252,8 @@ wire_enum! {
         LogicLost = 38 => "the machine's own logic is lost",
         /// The logic of the machine has asked for it.
         LogicTrip = 39 => "stopped by the machine's own logic",
+        /// An alarm of the machine stops it.
+        MachineAlarm = 40 => "an alarm of the machine (quadrant alarms)",
     }
     /// A sentence fragment for people.
     pub fn words
@@ -804,7 +806,7 @@ pub use inputs::{
 };
 pub use logic::{LOGIC_HOLD, LOGIC_INHIBIT, LOGIC_STOP, LOGIC_TRIP, LogicAnswer};
 pub use order::{DOWN_FOR_LOSS, OperatorRequest, OperatorResponse, Order, Refused};
-pub use signals::{SIGNALS_MAX, SignalSet, Signals};
+pub use signals::{ALARMS_MAX, SIGNALS_MAX, SignalSet, Signals};
 
 impl Feedback {
     /// The axes in use.

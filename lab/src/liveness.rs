@@ -246,6 +246,7 @@ impl<'a> Liveness<'a> {
             | Cause::DrivesNotAllowed
             | Cause::LogicLost
             | Cause::LogicTrip
+            | Cause::MachineAlarm
             | Cause::LimitSwitch => false,
             Cause::HomeSwitch | Cause::HomeIndex | Cause::HomeDrive => {
                 let settings = self.machine.axes.get(axis);

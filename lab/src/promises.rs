@@ -36,7 +36,8 @@ impl Promises {
             | Order::JogOverride
             | Order::Signal
             | Order::SignalForce
-            | Order::SignalRelease => {}
+            | Order::SignalRelease
+            | Order::Acknowledge => {}
         }
     }
 

@@ -18,6 +18,7 @@ pub mod run;
 pub mod run_dir;
 mod service_manager;
 mod session;
+mod signal_watch;
 #[cfg(test)]
 #[path = "../../tests/spoilt.rs"]
 mod spoilt;

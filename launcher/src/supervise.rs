@@ -24,6 +24,7 @@ use crate::observers::Observers;
 use crate::progress::{LOOK_EVERY, Progress};
 use crate::service_manager;
 use crate::session::Session;
+use crate::signal_watch::SignalWatch;
 use crate::standby_alarm::StandbyAlarm;
 use crate::supervisor::{Supervisor, Verdict, goes_on_after_stop};
 use crate::user_codes::UserCodes;
@@ -65,6 +66,7 @@ pub struct Ending {
 /// The launcher's own looks into the cell; made before the scans begin, so that it sees also the shortest run.
 pub struct Watch {
     progress: Progress,
+    signals: Option<SignalWatch>,
     operator: OperatorClient,
 }
 
@@ -81,6 +83,7 @@ impl Watch {
         progress.look();
         Ok(Watch {
             progress,
+            signals: group.bus.signals_reader(1)?.map(SignalWatch::new),
             operator: group.bus.operator_client()?,
         })
     }
@@ -116,6 +119,7 @@ pub fn supervise(
         supervision.end_hangs();
         supervision.judge_deaths();
         supervision.raise_alarms();
+        supervision.note_signals();
         supervision.look_after_files();
         supervision.start_replacements();
         supervision.hint();
@@ -287,6 +291,20 @@ impl<'a> Supervision<'a> {
             let text = format!("{} messages of the program are lost", heard.dropped);
             tracing::warn!("{text}: they were said faster than they could be read");
             self.events.note(feedback.scan, "messages-lost", text);
+        }
+    }
+
+    /// Says which alarms of the machine have come, and what is forced.
+    fn note_signals(&mut self) {
+        let Some(signals) = &mut self.watch.signals else {
+            return;
+        };
+        for noted in signals.look(self.machine) {
+            match noted.urgent {
+                true => tracing::warn!("{}", noted.words),
+                false => tracing::info!("{}", noted.words),
+            }
+            self.events.note(noted.scan, noted.event, noted.words);
         }
     }
 

@@ -185,7 +185,12 @@ impl Asked {
             starts: self.starts,
             period_s,
             signals: signals.collect(),
-            alarms: Vec::new(),
+            alarms: self
+                .machine
+                .alarms
+                .iter()
+                .map(|alarm| alarm.number)
+                .collect(),
         };
         self.said.sets = Default::default();
         self.program = Some(Program::start(&settings.command, &self.folder, &hello)?);
@@ -202,6 +207,7 @@ impl Asked {
         self.said.answers = u32::from(is_there);
         if !is_there {
             self.said.requests = 0;
+            self.said.alarms = 0;
         }
         if let Err(why) = answered {
             // Said once: its end is why the next question finds nobody.
@@ -302,6 +308,21 @@ impl Asked {
                 *slot = *value;
             }
         }
+        let mut alarms = 0;
+        for number in &answer.alarms {
+            let known = self
+                .machine
+                .alarms
+                .iter()
+                .position(|alarm| alarm.number == *number);
+            let Some(index) = known else {
+                return Err(format!(
+                    "it raises alarm {number}: the machine file has none of that number"
+                ));
+            };
+            alarms |= 1u64.checked_shl(index as u32).unwrap_or(0);
+        }
+        self.said.alarms = alarms;
         let requests = [
             (answer.hold, LOGIC_HOLD),
             (answer.stop, LOGIC_STOP),

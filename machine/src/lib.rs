@@ -9,6 +9,7 @@
 //! Slides are in mm. Rotary axes are in degrees, and share the code of slides: their keys (`rapid_deg_s`) become those of a slide that
 //! stands for them (`rapid_mm_s`) when the file is read. What forces and masses mean there: docs/methods/pivot-axis.md.
 
+mod alarms;
 mod auxiliary;
 mod axis;
 mod axis_kind;
@@ -48,6 +49,7 @@ pub mod tools_file;
 pub mod transmission;
 mod whole_file;
 
+pub use alarms::{Alarm, AlarmReaction};
 pub use auxiliary::{SPINDLE_RAMP_SHARE, Spindle, ToolChange, ToolChanger};
 pub use axis::{
     Axis, Changeover, DriveMode, Motor, PositionFeedback, TURN_DEG, axis_names, is_letter,

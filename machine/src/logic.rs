@@ -3,8 +3,6 @@
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use crate::machine::Machine;
-
 /// The machine's own logic: a program in any language, asked again and again, that reads all signals and sets its own.
 #[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
 pub struct Logic {
@@ -36,13 +34,4 @@ pub enum OnLogicLoss {
     Trip,
     /// It goes on.
     GoOn,
-}
-
-impl Machine {
-    /// Number of scans between two questions to the logic; none where the machine has none of its own.
-    pub fn logic_every_scans(&self) -> Option<u64> {
-        let logic = self.logic.as_ref()?;
-        let period_scans = u64::from(self.scan.interpolation_period_scans);
-        Some(period_scans * u64::from(logic.every_periods.max(1)))
-    }
 }

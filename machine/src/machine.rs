@@ -8,6 +8,7 @@ use bus::service::Shape;
 use schemars::JsonSchema;
 use serde::Deserialize;
 
+use crate::alarms::Alarm;
 use crate::auxiliary::{Spindle, ToolChange};
 use crate::axis::Axis;
 use crate::beginning::Beginning;
@@ -65,6 +66,10 @@ pub struct Machine {
     pub signals: Vec<Signal>,
     /// Signals that the controller itself acts on.
     pub functions: Functions,
+    /// Alarms of the machine ([how](../howto/signals.md#alarms)).
+    #[serde(rename = "alarm")]
+    #[schemars(extend("default" = []))]
+    pub alarms: Vec<Alarm>,
     /// The machine's own logic, as a process ([how](../howto/logic.md)).
     pub logic: Option<Logic>,
     /// An axis: a machine has 1 to 32, each with a name of its own; the second motor of a gantry counts as one.
@@ -191,6 +196,18 @@ impl Machine {
         !self.program.parameter_file.is_empty() || !self.program.parameters.is_empty()
     }
 
+    /// Index of the signal of this name.
+    pub fn signal(&self, name: &str) -> Option<usize> {
+        self.signals.iter().position(|signal| signal.name == name)
+    }
+
+    /// Number of scans between two questions to the logic; none where the machine has none of its own.
+    pub fn logic_every_scans(&self) -> Option<u64> {
+        let logic = self.logic.as_ref()?;
+        let period_scans = u64::from(self.scan.interpolation_period_scans);
+        Some(period_scans * u64::from(logic.every_periods.max(1)))
+    }
+
     /// Index of the axis of this letter.
     ///
     /// # Errors
@@ -226,7 +243,7 @@ impl Machine {
             axes: self.axes.iter().map(|axis| axis.name.clone()).collect(),
             period_scans: self.scan.interpolation_period_scans,
             has_bus: self.bus.is_some(),
-            has_signals: !self.signals.is_empty(),
+            has_signals: !(self.signals.is_empty() && self.alarms.is_empty()),
             has_logic: self.logic.is_some(),
         }
     }

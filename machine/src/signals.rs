@@ -5,8 +5,6 @@ use bus::sample::{ANALOG_INPUTS, ANALOG_OUTPUTS, DIGITAL_INPUTS, DIGITAL_OUTPUTS
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use crate::machine::Machine;
-
 /// A named input or output of the machine: one value, from one source, for any number of readers.
 #[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
 pub struct Signal {
@@ -250,11 +248,4 @@ pub struct LimitSwitches {
     pub negative: Option<String>,
     /// Signal of the one at the end of high positions.
     pub positive: Option<String>,
-}
-
-impl Machine {
-    /// Index of the signal of this name.
-    pub fn signal(&self, name: &str) -> Option<usize> {
-        self.signals.iter().position(|signal| signal.name == name)
-    }
 }

@@ -15,7 +15,7 @@ fn without_a_word_the_clock_of_the_cell_goes_before_those_that_answer_it() {
     let machine = with("").unwrap();
     let jobs = machine.processes.jobs();
     let priorities = jobs.map(|(_, _, role, of_job)| of_job.priority.unwrap_or(role.level()));
-    assert_eq!(priorities, [65, 60, 55, 50, 0]);
+    assert_eq!(priorities, [65, 60, 55, 50, 0, 0]);
     let (settings, processors) = machine.processes.of(Job::Servo);
     assert_eq!(settings, bus::realtime::Settings::DEFAULT);
     assert!(

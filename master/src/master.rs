@@ -15,6 +15,7 @@ use crate::digest::MotionDigest;
 use crate::drives::{DriveCommand, Drives};
 use crate::window_arbiter::{Dropped, WindowArbiter};
 
+mod alarms;
 mod auxiliary;
 mod axes;
 mod axis_unit;

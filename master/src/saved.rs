@@ -54,12 +54,14 @@ pub struct Latches {
 /// The most signals that can be set or forced at a time.
 pub const HELD_SIGNALS_MAX: usize = 32;
 
-/// Signals that an operator has set or forced.
+/// Signals that an operator has set or forced, and what he has not acknowledged.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]
 #[repr(C)]
 pub struct SignalLatches {
     /// Each of them.
     pub held: [HeldSignal; HELD_SIGNALS_MAX],
+    /// Alarms that nobody has acknowledged, a bit each.
+    pub unacknowledged: u64,
 }
 
 /// A signal that an operator has set or forced.

@@ -22,7 +22,9 @@ pub use jog::{Click, Clicks, JogAsked, JogSender, click_numbered, jog};
 pub use mdi::{mdi, mdi_in};
 pub use offsets::{offsets, zero};
 pub use program::{down, load, start};
-pub use signals::{shown as shown_signals, signal, value_words};
+pub use signals::{
+    alarm_words, alarms as shown_alarms, alarms_of, shown as shown_signals, signal, value_words,
+};
 pub use tools::tool;
 pub use wheel::wheel;
 pub use work::{machine_of_run, modes_behind, next_start, program_behind};

@@ -260,6 +260,33 @@ pub enum ToolChangeOptions {
     },
 }
 
+/// What `quadrant alarms` takes.
+#[derive(Debug, Clone, Args)]
+#[command(
+    after_help = "Shows the alarms of a running cell's machine that are there, or that nobody has acknowledged:\n  quadrant alarms\n  quadrant alarms acknowledge 700\n  quadrant alarms acknowledge\n\nEach stands with its number, the time since the cell's first scan, its text and what to do. What came, went and was acknowledged is in events.jsonl of the run."
+)]
+pub struct AlarmsOptions {
+    /// Name of the cell [default: the only one that runs, if its machine is one of this folder]
+    #[arg(long, global = true)]
+    pub cell: Option<String>,
+    /// Print JSON
+    #[arg(long)]
+    pub json: bool,
+    /// What is done.
+    #[command(subcommand)]
+    pub change: Option<AlarmsChangeOptions>,
+}
+
+/// What is done about alarms.
+#[derive(Debug, Clone, Subcommand)]
+pub enum AlarmsChangeOptions {
+    /// Acknowledge one, or all: what is over is not shown any more
+    Acknowledge {
+        /// Its number [default: all]
+        number: Option<u32>,
+    },
+}
+
 /// What `quadrant signal` takes.
 #[derive(Debug, Clone, Args)]
 #[command(

@@ -5,11 +5,11 @@ use bus::sample::{OperatorRequest, Order, Signals};
 use console::exit::{Failure, Outcome};
 use console::output::{joined, say};
 use machine::{Machine, Signal, SignalKind};
-use remote::state::SignalState;
+use remote::state::{AlarmState, SignalState};
 
 use super::client::{Client, soon_held};
 use crate::eyes::Eyes;
-use crate::options::{SignalChangeOptions, SignalOptions};
+use crate::options::{AlarmsChangeOptions, AlarmsOptions, SignalChangeOptions, SignalOptions};
 
 /// What the signals of a machine show, in the order of its file.
 pub fn shown(machine: &Machine, signals: &Signals) -> Vec<SignalState> {
@@ -24,6 +24,72 @@ pub fn shown(machine: &Machine, signals: &Signals) -> Vec<SignalState> {
         forced: signals.forced.has(index),
     };
     values.enumerate().map(state).collect()
+}
+
+/// Alarms of a machine that are there, or that nobody has acknowledged, in the order of its file.
+pub fn alarms(machine: &Machine, signals: &Signals) -> Vec<AlarmState> {
+    let bit = |set: u64, index: usize| set.checked_shr(index as u32).unwrap_or(0) & 1 == 1;
+    let all = machine.alarms.iter().enumerate();
+    let states = all.map(|(index, alarm)| {
+        let scan = signals.alarm_scans.get(index).copied().unwrap_or(0);
+        AlarmState {
+            number: alarm.number,
+            text: alarm.text.clone(),
+            remedy: alarm.remedy.clone(),
+            active: bit(signals.alarms, index),
+            acknowledged: !bit(signals.unacknowledged, index),
+            scan,
+            time_s: scan as f64 * machine.scan_period_s(),
+        }
+    });
+    states
+        .filter(|state| state.active || !state.acknowledged)
+        .collect()
+}
+
+/// An alarm in a line.
+pub fn alarm_words(state: &AlarmState) -> String {
+    let (number, text) = (state.number, &state.text);
+    let is = match (state.active, state.acknowledged) {
+        (true, true) => ", acknowledged",
+        (true, false) => "",
+        (false, _) => ", over, not acknowledged",
+    };
+    let remedy = if state.remedy.is_empty() {
+        String::new()
+    } else {
+        format!(": {}", state.remedy)
+    };
+    format!("{number} at {:.3} s, {text}{remedy}{is}", state.time_s)
+}
+
+/// `alarms`.
+pub fn alarms_of(options: &AlarmsOptions) -> Outcome {
+    let cell = options.cell.as_deref();
+    if let Some(AlarmsChangeOptions::Acknowledge { number }) = &options.change {
+        let client = Client::to_order(cell)?;
+        let number = f64::from(number.unwrap_or(0));
+        let request = OperatorRequest {
+            value: number,
+            ..OperatorRequest::default()
+        };
+        client.ask(Order::Acknowledge, request)?;
+        client.say("acknowledged");
+        return Ok(());
+    }
+    let client = Client::find(cell, "alarms")?;
+    let states = now(&client)?.map_or(Vec::new(), |signals| alarms(&client.machine, &signals));
+    if options.json {
+        let json = serde_json::to_string_pretty(&states);
+        return json
+            .map(|json| say(&json))
+            .map_err(|error| Failure::Stopped(anyhow!(error)));
+    }
+    match states.is_empty() {
+        true => client.say("no alarm"),
+        false => say(&joined(states.iter().map(alarm_words), "\n")),
+    }
+    Ok(())
 }
 
 /// A value in words: of a switch on or off, of a number with its unit.
@@ -62,7 +128,7 @@ pub fn signal(options: &SignalOptions) -> Outcome {
     let (name, value, order) = match &options.change {
         None | Some(SignalChangeOptions::List) => {
             let client = Client::find(cell, "signals")?;
-            let states = now(&client)?;
+            let states = signals_of(&client)?;
             if options.json {
                 let json = serde_json::to_string_pretty(&states);
                 return json
@@ -91,26 +157,29 @@ pub fn signal(options: &SignalOptions) -> Outcome {
     let mut eyes = Eyes::open(&client)?;
     // What was ordered shows in the scan after the order.
     eyes.look()?;
-    let states = now(&client)?;
+    let states = signals_of(&client)?;
     let words = states.get(index).map(value_words).unwrap_or_default();
     client.say(&format!("{name} is {words}"));
     Ok(())
 }
 
-/// What the cell's signals show now.
-fn now(client: &Client) -> Result<Vec<SignalState>, Failure> {
+fn signals_of(client: &Client) -> Result<Vec<SignalState>, Failure> {
+    let signals = now(client)?;
+    Ok(signals.map_or(Vec::new(), |signals| shown(&client.machine, &signals)))
+}
+
+/// What the cell's signals show from now on; none of a machine without any.
+fn now(client: &Client) -> Result<Option<Signals>, Failure> {
     let mut reader = soon_held(&client.cell, || client.bus.signals_reader(1))?;
     let Some(reader) = reader.as_mut() else {
-        return Ok(Vec::new());
+        return Ok(None);
     };
     let mut eyes = Eyes::open(client)?;
     let scan = eyes.look()?.scan;
     loop {
-        if let Some(signals) = reader
-            .newest(u64::MAX)
-            .filter(|signals| signals.scan > scan)
-        {
-            return Ok(shown(&client.machine, &signals));
+        let newest = reader.newest(u64::MAX);
+        if let Some(signals) = newest.filter(|signals| signals.scan > scan) {
+            return Ok(Some(signals));
         }
         eyes.look()?;
         std::thread::sleep(super::client::LOOK);

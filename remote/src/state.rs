@@ -70,9 +70,32 @@ pub struct CellState {
     /// Named inputs and outputs, of a machine that has any.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub signals: Vec<SignalState>,
+    /// Alarms that are there, or that nobody has acknowledged.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub alarms: Vec<AlarmState>,
     /// The link, of a view from another machine.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub remote: Option<LinkState>,
+}
+
+/// An alarm of the machine.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct AlarmState {
+    /// Its number.
+    pub number: u32,
+    /// What is wrong.
+    pub text: String,
+    /// What to do about it.
+    pub remedy: String,
+    /// It is there now.
+    pub active: bool,
+    /// Somebody has acknowledged it since it came.
+    pub acknowledged: bool,
+    /// Scan in which it came last.
+    pub scan: u64,
+    /// Time of that since the cell's first scan, in s.
+    pub time_s: f64,
 }
 
 /// A named input or output.

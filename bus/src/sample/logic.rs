@@ -26,8 +26,8 @@ pub struct LogicAnswer {
     pub visible_from: u64,
     /// Signals that it has set since it was started.
     pub sets: SignalSet,
-    /// Alarms that it raises, by their place in the machine file.
-    pub alarms: SignalSet,
+    /// Alarms that it raises, a bit each in the order of the machine file.
+    pub alarms: u64,
     /// Incarnation of its process.
     pub incarnation: u32,
     /// 1 while the program of the logic answers; 0 once it is lost, until it has been started again.

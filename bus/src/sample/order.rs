@@ -95,6 +95,8 @@ wire_enum! {
         SignalForce = 24 => "signal-force",
         /// A signal that is forced follows its source again.
         SignalRelease = 25 => "signal-release",
+        /// Alarms are acknowledged: the one of this number, or all (value 0).
+        Acknowledge = 26 => "acknowledge",
     }
     /// The word for it on the command line and in files.
     pub fn word
@@ -196,6 +198,10 @@ wire_enum! {
         LogicLost = 36 => "the machine's own logic does not answer: wait until it is there again",
         /// The logic of the machine does not allow it now.
         LogicInhibits = 37 => "the machine's own logic does not allow it now",
+        /// An alarm of the machine is there that does not allow it.
+        AlarmThere = 38 => "an alarm of the machine does not allow it (`quadrant alarms`)",
+        /// The machine has no alarm of this number.
+        UnknownAlarm = 39 => "the machine has no alarm of this number",
     }
     /// Why, and what would be right.
     pub fn words

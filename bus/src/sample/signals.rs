@@ -8,7 +8,10 @@ use crate::table;
 /// The most signals that a machine can have.
 pub const SIGNALS_MAX: usize = 128;
 
-/// A bit for each signal.
+/// The most alarms that a machine can have.
+pub const ALARMS_MAX: usize = 64;
+
+/// A bit for each signal, or alarm.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable, ZeroCopySend)]
 #[type_name("quadrant/SignalSet/1")]
 #[repr(C)]
@@ -52,14 +55,23 @@ pub struct Signals {
     pub lost: SignalSet,
     /// Signals that an operator holds at a value, whatever their source says.
     pub forced: SignalSet,
+    /// Alarms that are there, a bit each in the order of the machine file.
+    pub alarms: u64,
+    /// Alarms that nobody has acknowledged since they came.
+    pub unacknowledged: u64,
+    /// Of each alarm, the scan in which it came last; 0 of one that never did.
+    pub alarm_scans: [u64; ALARMS_MAX],
     /// Signals in use.
     pub count: u32,
-    /// Kept zero.
-    pub reserved: u32,
+    /// Alarms in use.
+    pub alarm_count: u32,
     /// The values.
     pub values: [f64; SIGNALS_MAX],
 }
-table!(Signals: scan, visible_from, lost, forced, count, reserved, values @ Signals);
+table!(
+    Signals: scan, visible_from, lost, forced, alarms, unacknowledged, alarm_scans, count, alarm_count,
+    values @ Signals,
+);
 
 impl Signals {
     /// The values of the signals there are.

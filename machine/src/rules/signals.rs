@@ -1,6 +1,6 @@
 //! Rules of `[[signal]]`, `[functions]` and `[axis.limit_switches]`: names are unique, each value has one source, each output one signal.
 
-use bus::sample::SIGNALS_MAX;
+use bus::sample::{ALARMS_MAX, SIGNALS_MAX};
 
 use crate::machine::Machine;
 use crate::settings_file::Rules;
@@ -72,6 +72,7 @@ pub fn judge(rules: &mut Rules<'_>, machine: &Machine) {
             rules.say(&["functions", key], None, &what);
         }
     }
+    alarms(rules, machine);
     for (index, axis) in machine.axes.iter().enumerate() {
         let at = Some((index, axis.name.as_str()));
         let Some(switches) = &axis.limit_switches else {
@@ -87,6 +88,36 @@ pub fn judge(rules: &mut Rules<'_>, machine: &Machine) {
             if let Some(what) = wrong {
                 rules.say(&["limit_switches", key], at, &what);
             }
+        }
+    }
+}
+
+/// Each alarm has a number of its own, and a signal or logic that brings it.
+fn alarms(rules: &mut Rules<'_>, machine: &Machine) {
+    if machine.alarms.len() > ALARMS_MAX {
+        let what = format!(
+            "is there {} times: at most {ALARMS_MAX}",
+            machine.alarms.len()
+        );
+        rules.say(&["alarm"], None, &what);
+    }
+    for (index, alarm) in machine.alarms.iter().enumerate() {
+        let number = (index + 1).to_string();
+        let before = machine.alarms.get(..index).unwrap_or_default();
+        if before.iter().any(|other| other.number == alarm.number) {
+            let what = format!("= {}: is there twice", alarm.number);
+            rules.say(&["alarm", &number, "number"], None, &what);
+        }
+        match &alarm.signal {
+            Some(name) if machine.signal(name).is_none() => {
+                let what = format!("= {name:?}: there is no [[signal]] of that name");
+                rules.say(&["alarm", &number, "signal"], None, &what);
+            }
+            None if machine.logic.is_none() => {
+                let what = "is missing: without [logic] nobody else raises the alarm";
+                rules.say(&["alarm", &number, "signal"], None, what);
+            }
+            _ => {}
         }
     }
 }

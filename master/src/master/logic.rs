@@ -55,6 +55,11 @@ impl LogicOfMachine {
         before && !self.answers
     }
 
+    /// Alarms that it raises, a bit each.
+    pub fn alarms(&self) -> u64 {
+        if self.answers { self.said.alarms } else { 0 }
+    }
+
     fn asks(&self, request: u32) -> bool {
         self.answers && self.said.requests & request != 0
     }

@@ -35,6 +35,7 @@ fn moves(order: Order) -> bool {
         | Order::Signal
         | Order::SignalForce
         | Order::SignalRelease
+        | Order::Acknowledge
         | Order::EmergencyStop => false,
     }
 }
@@ -110,6 +111,7 @@ impl<D: Drives> Master<D> {
             Some(Order::Signal) => self.signals.hold(request, false),
             Some(Order::SignalForce) => self.signals.hold(request, true),
             Some(Order::SignalRelease) => self.signals.let_go(request),
+            Some(Order::Acknowledge) => self.order_acknowledge(request.value),
             Some(Order::SingleBlock) => self.auxiliary.switch_single_block(request.value),
             Some(Order::Down) => {
                 self.end_after_stop(request.value == DOWN_FOR_LOSS);

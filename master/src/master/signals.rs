@@ -6,6 +6,7 @@ use bus::sample::{
 use bytemuck::Zeroable;
 use machine::{Machine, MachineState, SetBy, Signal, SignalKind};
 
+use super::alarms::Alarms;
 use super::logic::LogicOfMachine;
 use super::orders::Refusal;
 use super::{Master, STANDSTILL_MM_S};
@@ -126,6 +127,7 @@ pub(super) struct NamedSignals {
     functions: Functions,
     latches: SignalLatches,
     shown: Box<Signals>,
+    pub alarms: Alarms,
     /// The machine's own logic, where it has one.
     pub logic: Option<LogicOfMachine>,
     /// Buttons in the scan before: cycle start, feed hold.
@@ -140,7 +142,9 @@ impl NamedSignals {
     pub fn new(machine: &Machine) -> NamedSignals {
         let mut shown = Box::new(Signals::zeroed());
         let planned: Vec<Planned> = machine.signals.iter().map(Planned::of).collect();
+        let alarms = Alarms::new(machine);
         shown.count = planned.len() as u32;
+        shown.alarm_count = alarms.count() as u32;
         for (value, planned) in shown.values.iter_mut().zip(&planned) {
             *value = planned.default;
         }
@@ -149,6 +153,7 @@ impl NamedSignals {
             planned,
             latches: SignalLatches::default(),
             shown,
+            alarms,
             logic: LogicOfMachine::new(machine),
             // What is pressed from the beginning is no press.
             pressed: [true; 2],
@@ -224,13 +229,29 @@ impl NamedSignals {
                 self.show(index, drives.signal(index));
             }
         }
+        let raised = self.logic.as_ref().map_or(0, LogicOfMachine::alarms);
+        let came = self.alarms.step(self.shown.values(), raised);
+        self.latches.unacknowledged |= came;
+        for (index, since) in self.shown.alarm_scans.iter_mut().enumerate() {
+            if came.checked_shr(index as u32).unwrap_or(0) & 1 == 1 {
+                *since = scan;
+            }
+        }
+        self.shown.alarms = self.alarms.there();
+        self.shown.unacknowledged = self.latches.unacknowledged;
         self.shown.scan = scan;
         self.shown.visible_from = scan + 1;
     }
 
     /// What observers see; none without signals.
     pub fn shown(&self) -> Option<&Signals> {
-        (!self.planned.is_empty()).then_some(&*self.shown)
+        let any = !self.planned.is_empty() || self.alarms.count() != 0;
+        any.then_some(&*self.shown)
+    }
+
+    /// These are acknowledged, a bit each.
+    pub fn acknowledge(&mut self, alarms: u64) {
+        self.latches.unacknowledged &= !alarms;
     }
 
     /// The value of each.
@@ -427,6 +448,7 @@ impl<D: Drives> Master<D> {
                 self.trip(cause, u32::MAX);
             }
         }
+        self.heed_alarms();
         self.heed_limit_switches();
         let door = self.signals.door_is_open();
         if door {
@@ -491,6 +513,7 @@ impl<D: Drives> Master<D> {
         if !program {
             return Ok(());
         }
+        self.signals.alarms.allow_program()?;
         if let Some(index) = self.signals.not_ready() {
             return Err(Refusal {
                 axis: index as u32,
@@ -519,6 +542,7 @@ impl<D: Drives> Master<D> {
         if let Some((_, refused)) = self.signals.keeps_drives_off() {
             return Err(refused.into());
         }
+        self.signals.alarms.allow_drives()?;
         match &self.signals.logic {
             Some(logic) => Ok(logic.lets_drives_on()?),
             None => Ok(()),

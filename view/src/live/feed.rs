@@ -25,7 +25,8 @@ use console::exit::Failure;
 use launcher::children::children_of;
 use launcher::retention::USAGE_FILE;
 use operator::{
-    Client, held, machine_of_run, modes_behind, next_start, program_behind, shown_signals,
+    Client, held, machine_of_run, modes_behind, next_start, program_behind, shown_alarms,
+    shown_signals,
 };
 
 /// Time between two looks at `/proc`.
@@ -127,6 +128,7 @@ impl Feed {
             .and_then(|reader| reader.newest(u64::MAX))
         {
             self.model.signals = shown_signals(&self.machine, &signals);
+            self.model.alarms = shown_alarms(&self.machine, &signals);
         }
         // What belongs to a scan later than the newest feedback waits for the next look.
         let now = self.model.feedback.map_or(0, |feedback| feedback.scan);

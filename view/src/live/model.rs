@@ -12,7 +12,7 @@ use machine::{Machine, Process};
 use path::geometry::{AxisVector, Element, Feed, Shape};
 use path::kinematics::Kinematics;
 use program::{Modal, Program};
-use remote::state::{BusState, RunsState, SignalState};
+use remote::state::{AlarmState, BusState, RunsState, SignalState};
 use report::contour;
 
 use super::axis::AxisView;
@@ -61,6 +61,8 @@ pub struct Model {
     pub bus: Option<BusState>,
     /// What named inputs and outputs show.
     pub signals: Vec<SignalState>,
+    /// Alarms of the machine.
+    pub alarms: Vec<AlarmState>,
     /// What run directories take, where the launcher says so.
     pub runs: Option<RunsState>,
     /// The circle that is travelled.
@@ -109,6 +111,7 @@ impl Model {
             bus: None,
             runs: None,
             signals: Vec::new(),
+            alarms: Vec::new(),
             circle: CircleView::default(),
             trail: None,
             reversals: Reversals::default(),

@@ -1,6 +1,7 @@
 //! The state of a cell, made of what an observer has seen of it: once a look, for all who show it.
 
 use bus::sample::{Auxiliaries, Cause, FLOOD, Feedback, Job, MIST, Mode};
+use console::output::joined;
 use machine::Process;
 use monitor::ended::Ended;
 use remote::state::{
@@ -58,6 +59,9 @@ fn of(model: &Model) -> CellState {
         // First, so that a narrow terminal does not cut it off.
         says.next = format!("{scarce}; {}", says.next);
     }
+    if let Some(why) = blocks(model) {
+        says.next = format!("{why}; {}", says.next);
+    }
     let mut state = CellState {
         cell: model.cell.clone(),
         pace: model.pace.map(|pace| pace.word().into()),
@@ -83,6 +87,7 @@ fn of(model: &Model) -> CellState {
         }),
         runs: model.runs.clone(),
         signals: model.signals.clone(),
+        alarms: model.alarms.clone(),
         readout,
         axes,
         processes: processes(model),
@@ -90,6 +95,29 @@ fn of(model: &Model) -> CellState {
     };
     tell(&mut state, says);
     state
+}
+
+/// Inputs that keep the machine from going on, by what the controller does with them; none where none does.
+fn blocks(model: &Model) -> Option<String> {
+    let off = |name: &str| {
+        let signal = model.signals.iter().find(|signal| signal.name == name);
+        signal.is_some_and(|signal| signal.kind == "bool" && signal.value == 0.0)
+    };
+    let named = model.machine.functions.named();
+    let words = named
+        .filter(|(_, name, _)| off(name))
+        .filter_map(|(key, name, _)| {
+            let what = match key {
+                "emergency_stop" => "the emergency-stop chain is open",
+                "drives_may" => "drives may not be on",
+                "door" => "a door is open",
+                "ready" => "not ready for a program",
+                _ => return None,
+            };
+            Some(format!("{what} (signal {name})"))
+        });
+    let words = joined(words, ", ");
+    (!words.is_empty()).then_some(words)
 }
 
 /// Says a state in words.

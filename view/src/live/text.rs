@@ -5,6 +5,7 @@ use std::fmt::Write;
 use bus::sample::{ProgramState as Progress, Redundancy};
 use machine::Machine;
 use monitor::quantities;
+use operator::{alarm_words, value_words};
 use remote::state::{AxisState, CellState, Death, LinkState, ProcessState, ProgramState, Readout};
 use report::auxiliary::{on_or_off, panel};
 
@@ -41,6 +42,17 @@ pub fn status(state: &CellState, machine: &Machine) -> String {
         if let Some(alarm) = &runs.alarm {
             let _ = write!(text, "\n  ! {alarm}");
         }
+    }
+    for alarm in &state.alarms {
+        let _ = write!(text, "\n  ! alarm {}", alarm_words(alarm));
+    }
+    for signal in state
+        .signals
+        .iter()
+        .filter(|signal| signal.forced || signal.lost)
+    {
+        let (name, words) = (&signal.name, value_words(signal));
+        let _ = write!(text, "\n  ! signal {name} is {words}");
     }
     for message in &state.messages {
         let _ = write!(text, "\n  says, line {}: {}", message.line, message.text);
