@@ -23,6 +23,10 @@ pub struct Signal {
     /// output it is what the device shows when nobody commands it any more.
     #[schemars(extend("minimum" = -1_000_000_000, "maximum" = 1_000_000_000))]
     pub lost: Option<f64>,
+    /// While its source is lost it keeps the value that it had last, in place of `lost`; it outlives the logic and the master, but not
+    /// the cell. For what is to be remembered, such as the tool in the spindle; never for what moves something.
+    #[schemars(extend("default" = false))]
+    pub keeps: bool,
     /// The other way round: a switch that shows 1 for off.
     #[schemars(extend("default" = false))]
     pub inverted: bool,

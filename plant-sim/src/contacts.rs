@@ -198,7 +198,10 @@ impl Contact {
         let bounces = self.state.switched != 0
             && since % 2 == 1
             && since as f64 * scan_s * 1e3 < self.of.bounce_ms;
-        let on = (self.state.on == 1) != bounces;
+        let since_ms = since as f64 * scan_s * 1e3;
+        let in_period = self.of.period_ms > 0.0;
+        let off_half = in_period && since_ms % self.of.period_ms < self.of.period_ms / 2.0;
+        let on = ((self.state.on == 1) != bounces) && !off_half;
         if !on {
             return None;
         }
@@ -245,6 +248,7 @@ from = { drive = "X", bit = 3 }
             until_s: None,
             on_delay_ms: 0.0,
             off_delay_ms: 0.0,
+            period_ms: 0.0,
             bounce_ms: 0.0,
         }
     }

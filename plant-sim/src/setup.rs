@@ -69,7 +69,9 @@ impl PlantFile {
                 spindle.encoder_counts_per_turn
             )));
         }
-        if machine.tool_change.by == ToolChanger::Changer && self.tool_changer.is_none() {
+        let by_signal = machine.functions.tool_in_spindle.is_some();
+        let by_changer = machine.tool_change.by == ToolChanger::Changer && !by_signal;
+        if by_changer && self.tool_changer.is_none() {
             return missing("tool_change.by = \"changer\"", "tool_changer");
         }
         if machine.program.probe && self.probe.is_none() {

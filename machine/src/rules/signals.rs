@@ -60,6 +60,17 @@ pub fn judge(rules: &mut Rules<'_>, machine: &Machine) {
                 "= true: goes with kind = \"bool\" alone",
             );
         }
+        let leads_out = signal
+            .to
+            .as_ref()
+            .is_some_and(|to| to.drive.is_some() || to.terminal.is_some());
+        if signal.keeps && leads_out {
+            say(
+                rules,
+                &["keeps"],
+                "= true: goes to a device, whose output would stay on when nobody commands it",
+            );
+        }
         if let Some(what) = wrong_source(machine, signal) {
             say(rules, &["from"], &what);
         }

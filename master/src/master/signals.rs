@@ -32,6 +32,8 @@ struct Planned {
     /// Value while its source is lost.
     lost: f64,
     inverted: bool,
+    /// It keeps what it showed last while its source is lost.
+    keeps: bool,
     source: Source,
     /// Inputs of programs that it is.
     input: Option<u32>,
@@ -55,6 +57,7 @@ impl Planned {
             default: signal.default,
             lost: signal.lost.unwrap_or(signal.default),
             inverted: signal.inverted,
+            keeps: signal.keeps,
             source,
             input: to.and_then(|to| to.input),
             analog_input: to.and_then(|to| to.analog_input),
@@ -187,7 +190,16 @@ impl NamedSignals {
         };
         let value = planned.shown(said);
         let is_lost = value.is_none();
-        let value = value.unwrap_or(planned.lost);
+        let planned = *planned;
+        let kept = self
+            .held(index)
+            .filter(|_| planned.keeps)
+            .map(|held| held.value);
+        if let Some(value) = value.filter(|value| planned.keeps && kept != Some(*value)) {
+            // Where so many are held that there is no room, it is not kept: nothing else depends on it.
+            let _ = self.latches.hold(index, value, 0);
+        }
+        let value = value.or(kept).unwrap_or(planned.lost);
         let forced = self.held(index).filter(|held| held.forced == 1);
         let forced = forced.map(|held| held.value);
         self.shown.lost.set(index, is_lost);
@@ -371,17 +383,9 @@ impl NamedSignals {
         if !planned.kind.can_show(request.value) {
             return Err(Refused::BadValue.into());
         }
-        let of = request.axis.saturating_add(1);
-        let held = &mut self.latches.held;
-        let place = held.iter().position(|held| held.of == of);
-        let place = place.or_else(|| held.iter().position(|held| held.of == 0));
-        let place = place.and_then(|place| held.get_mut(place));
-        *place.ok_or(Refused::SignalsHeld)? = HeldSignal {
-            value: request.value,
-            of,
-            forced: u32::from(forced),
-        };
-        Ok(())
+        let index = request.axis as usize;
+        let room = self.latches.hold(index, request.value, u32::from(forced));
+        Ok(room.ok_or(Refused::SignalsHeld)?)
     }
 
     /// A forced signal follows its source again.
@@ -396,6 +400,17 @@ impl NamedSignals {
             }
         }
         Ok(())
+    }
+}
+
+impl SignalLatches {
+    /// Holds a signal at a value; none where as many are held as may be.
+    fn hold(&mut self, index: usize, value: f64, forced: u32) -> Option<()> {
+        let of = index as u32 + 1;
+        let place = self.held.iter().position(|held| held.of == of);
+        let place = place.or_else(|| self.held.iter().position(|held| held.of == 0))?;
+        *self.held.get_mut(place)? = HeldSignal { value, of, forced };
+        Some(())
     }
 }
 

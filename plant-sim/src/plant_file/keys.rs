@@ -237,6 +237,9 @@ pub struct PlantContact {
     /// And ends so much later than that ends.
     #[schemars(extend("unit" = "ms", "minimum" = 0, "maximum" = 1_000_000, "default" = 0.0))]
     pub off_delay_ms: f64,
+    /// It comes and goes while it holds, off first: a cam or a pulse of something that turns. 0 for what stays.
+    #[schemars(extend("unit" = "ms", "minimum" = 0, "maximum" = 1_000_000, "default" = 0.0))]
+    pub period_ms: f64,
     /// For so long after each change it bounces, every other scan.
     #[schemars(extend("unit" = "ms", "minimum" = 0, "maximum" = 1000, "default" = 0.0))]
     pub bounce_ms: f64,
