@@ -83,3 +83,4 @@ mod unexpected_motion;
 mod up;
 mod user_codes;
 mod web;
+mod whole_machine;

@@ -5,11 +5,11 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, anyhow, bail};
 use bus::sample::PATH_AXES;
-use machine::{Machine, machine_file};
+use machine::{Machine, MachineState, SignalSource, machine_file};
 use path::window::WindowPlanner;
 use planner::{ProgramText, Survey};
 use plant_sim::plant_file::PlantFile;
-use program::{Note, Program, SHORT_ELEMENTS};
+use program::{EventKind, Note, Program, SHORT_ELEMENTS};
 
 use crate::user_codes;
 
@@ -115,6 +115,9 @@ pub fn load_changed(
     }
     if let (Some(folder), Some(program)) = (machine.user_code_folder(&path), &short) {
         user_codes::check(&folder, program)?;
+    }
+    if let Some(program) = &short {
+        all_arrives(&machine, program)?;
     }
     let checked = Checked {
         machine,
@@ -296,6 +299,68 @@ impl Checked {
             .map_err(|error| at_line(&name, &error.to_string()))?
             .0)
     }
+}
+
+/// On a fieldbus nothing but a signal carries what a program switches: one that goes nowhere is refused before it moves.
+///
+/// # Errors
+/// The first output, coolant or spindle of the program that no signal comes from, with its line.
+pub fn all_arrives(machine: &Machine, program: &Program) -> anyhow::Result<()> {
+    if machine.bus.is_none() {
+        return Ok(());
+    }
+    let comes = |is_it: &dyn Fn(&SignalSource) -> bool| {
+        machine.signals.iter().any(|signal| is_it(&signal.from))
+    };
+    let by_state = |states: &[MachineState]| {
+        comes(&|from| from.state.is_some_and(|state| states.contains(&state)))
+    };
+    for event in &program.events {
+        let (what, key, arrives) = match event.kind {
+            EventKind::DigitalOutput { index, .. } => (
+                format!("digital output {index}"),
+                format!("output = {index}"),
+                comes(&|from| from.output == Some(index)),
+            ),
+            EventKind::AnalogOutput { index, .. } => (
+                format!("analogue output {index}"),
+                format!("analog_output = {index}"),
+                comes(&|from| from.analog_output == Some(index)),
+            ),
+            EventKind::Flood(true) => (
+                "coolant (M8)".into(),
+                "state = \"flood\"".into(),
+                by_state(&[MachineState::Flood]),
+            ),
+            EventKind::Mist(true) => (
+                "coolant (M7)".into(),
+                "state = \"mist\"".into(),
+                by_state(&[MachineState::Mist]),
+            ),
+            EventKind::SpindleClockwise | EventKind::SpindleCounterClockwise
+                if machine.spindle.is_some() =>
+            {
+                (
+                    "the spindle".into(),
+                    "state = \"spindle-speed\"".into(),
+                    by_state(&[
+                        MachineState::SpindleClockwise,
+                        MachineState::SpindleCounterClockwise,
+                        MachineState::SpindleSpeed,
+                    ]),
+                )
+            }
+            _ => continue,
+        };
+        if !arrives {
+            bail!(
+                "{}:{}: {what} goes nowhere: no [[signal]] has from = {{ {key} }}",
+                program.name,
+                event.line
+            );
+        }
+    }
+    Ok(())
 }
 
 /// S and M3 to M5 where nothing obeys them, in words.

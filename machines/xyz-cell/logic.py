@@ -1,6 +1,6 @@
 """Logic of xyz-cell: a changer with eight places, a vice, lubrication and a lamp.
 
-It remembers nothing that it could not read back: what must outlive it are signals that keep their values (spindle_tool, pocket, changing).
+It remembers nothing that it could not read back: what must outlive it are signals that keep their values (spindle_tool, pocket, changing, taking).
 """
 
 import os
@@ -29,9 +29,12 @@ class Changer:
     def update(self, io):
         step, tool, wanted = int(io["changing"]), int(io["spindle_tool"]), int(io["tool_wanted"])
         self.count_places(io)
+        # What was wanted when the change began: the program may be given up meanwhile, and another tool be wanted.
+        taking = int(io["taking"])
         # The drawbar is open from the step in which it opens until the one in which it closes.
         if step == IDLE:
             if wanted != tool and 0 <= wanted <= PLACES:
+                io["taking"] = wanted
                 step = TO_OLD if tool else OPEN_OLD
         elif step == TO_OLD and self.turns_to(io, tool):
             step = IN_OLD
@@ -40,16 +43,18 @@ class Changer:
         elif step == OPEN_OLD and not io["tool_clamped"]:
             step = OUT_OLD
         elif step == OUT_OLD and io["arm_out"]:
-            io["spindle_tool"] = 0
-            step = TO_NEW if wanted else CLOSE_NEW
-        elif step == TO_NEW and self.turns_to(io, wanted):
+            # An empty spindle that was wanted is reported once the changer is back.
+            if taking:
+                io["spindle_tool"] = 0
+            step = TO_NEW if taking else CLOSE_NEW
+        elif step == TO_NEW and self.turns_to(io, taking):
             step = IN_NEW
         elif step == IN_NEW and io["arm_in"]:
             step = CLOSE_NEW
         elif step == CLOSE_NEW and io["tool_clamped"]:
             step = OUT_NEW
         elif step == OUT_NEW and io["arm_out"]:
-            io["spindle_tool"] = wanted
+            io["spindle_tool"] = taking
             step = IDLE
         io["changing"] = step
         io["arm_valve"] = step in (IN_OLD, OPEN_OLD, IN_NEW, CLOSE_NEW)

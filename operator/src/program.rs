@@ -26,7 +26,7 @@ use super::eyes::Eyes;
 use crate::options::{LoadOptions, OperatorOptions, StartOptions};
 use console::exit::{Failure, Kind, Outcome};
 use console::output::say;
-use launcher::check::{self, at_line, without_spindle};
+use launcher::check::{self, all_arrives, at_line, without_spindle};
 use launcher::run_dir::{copy_program, program_name};
 use launcher::supervise::stop_words;
 use launcher::user_codes;
@@ -149,6 +149,7 @@ pub(super) fn check(client: &Client, file: &Path, now: &Feedback) -> anyhow::Res
             if let Some(folder) = machine.user_code_folder(Path::new("")) {
                 user_codes::check(&folder, &program)?;
             }
+            all_arrives(machine, &program)?;
             let (elements, length_mm) = (program.path.elements.len(), program.path.length_mm());
             let ends_by_word = matches!(program.end, ProgramEnd::M2(_) | ProgramEnd::M30(_));
             let beside = without_spindle(machine, &program);

@@ -1,0 +1,128 @@
+//! `machines/xyz-cell`: a part with tool changes, its logic killed in the middle of them.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use machine::Machine;
+use monitor::log::{Reader, Sample};
+use serde_json::Value;
+
+use crate::size;
+use crate::support::{Bench, QUADRANT, Run, root, run_with};
+
+/// The machine, with its logic where it lies.
+fn machine() -> Bench {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let from = root().join("machines/xyz-cell");
+    let bench = Bench { folder };
+    for name in ["machine.toml", "plant.toml"] {
+        let text = fs::read_to_string(from.join(name)).expect("a file of xyz-cell");
+        let logic = from.join("logic.py").display().to_string();
+        bench.file(name, &text.replace("./logic.py", &logic));
+    }
+    bench
+}
+
+fn part() -> PathBuf {
+    root().join("machines/xyz-cell/programs/first-part.ngc")
+}
+
+/// The signals of each scan, by name.
+fn signals(out: &Path, machine: &Machine) -> Vec<(u64, BTreeMap<String, f64>)> {
+    let samples = Reader::open(&out.join("run.mcap")).expect("the log");
+    let of_scan = |sample| match sample {
+        Ok(Sample::Signals(signals)) => {
+            let names = machine.signals.iter().map(|signal| signal.name.clone());
+            Some((
+                signals.scan,
+                names.zip(signals.values().iter().copied()).collect(),
+            ))
+        }
+        _ => None,
+    };
+    samples.filter_map(of_scan).collect()
+}
+
+fn motion_digest(run: &Run) -> String {
+    let text = fs::read_to_string(run.out.join("report.json")).expect("a report");
+    let report: Value = serde_json::from_str(&text).expect("its JSON");
+    report["motion_digest"].as_str().expect("a digest").into()
+}
+
+#[test]
+fn a_part_is_made_with_three_tool_changes_and_a_vice() {
+    let bench = machine();
+    let run = run_with(bench.path(), part(), &[]);
+    assert_eq!(run.status(), 0, "{}", run.stderr());
+    let loaded = Machine::load(bench.path()).expect("the machine");
+    let course = signals(&run.out, &loaded);
+    let mut tools: Vec<f64> = course.iter().map(|(_, now)| now["spindle_tool"]).collect();
+    tools.dedup();
+    assert_eq!(tools, [0.0, 3.0, 0.0, 4.0, 0.0]);
+    let (_, last) = course.last().expect("a scan");
+    let outputs = [
+        "carousel_motor",
+        "arm_valve",
+        "drawbar_valve",
+        "vice_valve",
+        "coolant_valve",
+    ];
+    assert!(outputs.iter().all(|name| last[*name] == 0.0), "{last:?}");
+    // The same logic in Rust does the same, where it has been built (cargo test --workspace).
+    let of_quadrant = Path::new(QUADRANT.expect("a command to test"));
+    let example = of_quadrant.with_file_name("examples").join("xyz_cell");
+    if !example.exists() {
+        println!("{} is not built: not compared", example.display());
+        return;
+    }
+    let text = fs::read_to_string(bench.path().join("machine.toml")).expect("machine.toml");
+    let line = text
+        .lines()
+        .find(|line| line.starts_with("command = "))
+        .expect("a command");
+    let rust = format!("command = [{:?}]", example.display().to_string());
+    bench.file("machine.toml", &text.replace(line, &rust));
+    let again = run_with(bench.path(), part(), &[]);
+    assert_eq!(again.status(), 0, "{}", again.stderr());
+    assert_eq!(motion_digest(&again), motion_digest(&run));
+    assert_eq!(signals(&again.out, &loaded), course);
+}
+
+/// At whatever instant the logic dies: its outputs are off two scans later, the machine comes to rest, and the part is made all the same.
+#[test]
+fn logic_that_is_killed_at_any_instant_leaves_no_output_on_and_the_part_is_made() {
+    let kills = size::number("KILLS", 6, 1000);
+    let bench = machine();
+    let loaded = Machine::load(bench.path()).expect("the machine");
+    for kill in 0..kills {
+        // Spread over the part, at every place of the logic's period.
+        let scan = 60 + kill * (11_500 / kills) + kill % 8;
+        let faults = format!(
+            "[[fault]]\nat = {{ scan = {scan} }}\nprocess = \"logic\"\ndo = \"kill\"\nrestart_after_scans = 150\n"
+        );
+        let faults = bench.file("faults.toml", &faults).display().to_string();
+        let orders = format!("[[order]]\nscan = {}\norder = \"resume\"\n", scan + 400);
+        let orders = bench.file("orders.toml", &orders).display().to_string();
+        let run = run_with(
+            bench.path(),
+            part(),
+            &["--faults", &faults, "--orders", &orders],
+        );
+        assert_eq!(run.status(), 0, "kill in scan {scan}: {}", run.stderr());
+        for (at, now) in signals(&run.out, &loaded) {
+            if !(scan + 2..scan + 140).contains(&at) {
+                continue;
+            }
+            let outputs = [
+                "carousel_motor",
+                "arm_valve",
+                "drawbar_valve",
+                "vice_valve",
+                "lube_pump",
+            ];
+            let on: Vec<_> = outputs.iter().filter(|name| now[**name] != 0.0).collect();
+            assert!(on.is_empty(), "killed in scan {scan}, in scan {at}: {on:?}");
+        }
+    }
+}
