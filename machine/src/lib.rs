@@ -44,6 +44,7 @@ pub mod settings_file;
 mod tool_table;
 pub mod tools_file;
 pub mod transmission;
+mod weight;
 mod whole_file;
 
 pub use auxiliary::{SPINDLE_RAMP_SHARE, Spindle, ToolChange, ToolChanger};
@@ -74,4 +75,5 @@ pub use processes::Processes;
 pub use restart::{AfterLoss, AfterMaster, AfterMonitor, AfterStandby, Restart};
 pub use reversal::{PositionErrorPart, PulseShape, Reversal, ReversalMethod, Trigger};
 pub use tool_table::{Tool, parse_tools};
+pub use weight::{Brake, BrakeBy, FREE_FALL_M_S2, Gravity};
 pub use whole_file::{replace_file, replace_with};
