@@ -224,6 +224,12 @@ impl<D: Drives> Master<D> {
             self.brake_evenly(axis, most_mm_s2);
         }
         self.gantries.command(&mut self.drive_commands);
+        let mut open = 0;
+        let axes = self.axes.iter_mut().zip(&mut self.drive_commands);
+        for (index, (axis, command)) in axes.enumerate() {
+            open |= u64::from(axis.step_brake(command)) << index;
+        }
+        self.drives.open_brakes(open);
         self.drives.command_levels(&self.auxiliary.levels());
         self.drives.exchange(&self.drive_commands);
         self.auxiliary.take(self.drives.auxiliary());
