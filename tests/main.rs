@@ -81,3 +81,4 @@ mod unexpected_motion;
 mod up;
 mod user_codes;
 mod web;
+mod weight;
