@@ -83,4 +83,5 @@ mod unexpected_motion;
 mod up;
 mod user_codes;
 mod web;
+mod weight;
 mod whole_machine;

@@ -64,6 +64,7 @@ pub fn load(machine: &Machine, machine_file: &Path) -> anyhow::Result<Option<Set
             );
         }
         judge_inputs(axis, &drive).with_context(|| shown.to_string())?;
+        judge_brake(axis, &drive).with_context(|| shown.to_string())?;
         judge_homing(axis, &drive).with_context(|| shown.to_string())?;
         let (of_drive, of_machine) = (drive.scaling.dead_time_scans, machine.scan.dead_time_scans);
         if of_drive != of_machine {
@@ -95,6 +96,24 @@ fn judge_inputs(axis: &Axis, drive: &DriveFile) -> anyhow::Result<()> {
         );
     }
     Ok(())
+}
+
+/// A brake that the controller opens is opened in each cycle, and closes where nothing is sent.
+fn judge_brake(axis: &Axis, drive: &DriveFile) -> anyhow::Result<()> {
+    if axis.commanded_brake().is_none() {
+        return Ok(());
+    }
+    let (name, receive) = (&axis.name, &drive.process_data.receive);
+    match process_data::find(receive, cia402::PHYSICAL_OUTPUTS, 1) {
+        None => bail!(
+            "axis {name}: brake.by = \"controller\" needs 60FE:1 (physical outputs) in process_data.receive of its drive file, and the \
+             mask of its bit 0 in 60FE:2; most drives open the brake themselves: \"drive\""
+        ),
+        Some((_, entry)) if entry.value & 1 == 1 => bail!(
+            "axis {name}: brake.by = \"controller\": the value of 60FE:1 in its drive file opens the brake for good: clear its bit 0"
+        ),
+        Some(_) => Ok(()),
+    }
 }
 
 /// What finds the axis's place is there: the drive itself, where it can be asked to in each cycle.

@@ -38,4 +38,5 @@ mod spoilt_samples;
 mod start_at_line;
 mod strained_gantry;
 mod time_optimal;
+mod weight;
 mod wheel;

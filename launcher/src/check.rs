@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, anyhow, bail};
 use bus::sample::PATH_AXES;
-use machine::{Machine, MachineState, SignalSource, machine_file};
+use machine::{Axis, Machine, MachineState, SignalSource, machine_file};
 use path::window::WindowPlanner;
 use planner::{ProgramText, Survey};
 use plant_sim::plant_file::PlantFile;
@@ -261,7 +261,9 @@ impl Checked {
     pub fn remarks(&self) -> Vec<String> {
         let plant = self.plant.iter();
         let differ = plant.flat_map(|plant| plant.disagreements(&self.machine));
-        self.warnings.iter().cloned().chain(differ).collect()
+        let fall = self.machine.axes.iter().filter_map(Axis::falls);
+        let known = self.warnings.iter().cloned();
+        known.chain(fall).chain(differ).collect()
     }
 
     /// Time of the program, about, in s; none of a long one.

@@ -87,6 +87,9 @@ pub struct InverseDynamics {
     pub table_friction: MaxwellSlip,
     /// Travel per radian of the motor, in m.
     pub radius_m: f64,
+    /// Force with which weight pulls the table towards lower positions, in N. It decides where the table lies in the gap; the torque that
+    /// holds it is not of this model, and the place where it hangs at rest counts as where the motor is.
+    pub weight_n: f64,
 }
 
 /// What [`InverseDynamics`] remembers.
@@ -209,6 +212,7 @@ impl InverseDynamics {
             // The axis was moved by others, who wound no spring of this model: the way until here is none.
             let [compensation_mm, ..] = state.compensation_mm;
             state.running = 1;
+            self.hang(state);
             state.far_mm = ahead.far.position_mm;
             state.near_mm = ahead.near.position_mm;
             state.motor_mm = ahead.here.position_mm + compensation_mm;
@@ -296,6 +300,7 @@ impl InverseDynamics {
             }
         }
         let (force_n, contact_n, motor_n, table_n) = moved(0.5 * (low_mm + high_mm));
+        self.hang(state);
         let before_mm = self.screw_mm(state, belief);
         state.motor_n = motor_n;
         state.table_n = table_n;
@@ -303,8 +308,9 @@ impl InverseDynamics {
         state.contact_n = contact_n;
         state.contact_n_per_s = 0.0;
         state.force_n = force_n;
-        if contact_n.abs() > LYING_PART * self.table_friction.coulomb_at_n(level) {
-            state.side = contact_n.signum();
+        let lying_n = contact_n + self.weight_n;
+        if lying_n.abs() > LYING_PART * self.table_friction.coulomb_at_n(level) {
+            state.side = lying_n.signum();
             state.side_wanted = state.side;
         }
         if self.parts.compensation {
@@ -321,6 +327,14 @@ impl InverseDynamics {
         [motor_n + table_n, late_motor_n + late_table_n]
     }
 
+    /// A table that nothing has moved yet lies where its weight pulls it.
+    fn hang(&self, state: &mut InverseDynamicsState) {
+        if self.weight_n != 0.0 && state.side_wanted == 0.0 {
+            state.side = self.weight_n.signum();
+            state.side_wanted = state.side;
+        }
+    }
+
     /// What the motor stands from the table's place by gap and wind-up, in mm.
     fn screw_mm(&self, state: &InverseDynamicsState, belief: &Belief) -> f64 {
         self.in_gap_mm(state.side, belief) + state.contact_n / self.stiffness_n_per_m * 1e3
@@ -330,7 +344,12 @@ impl InverseDynamics {
     fn in_gap_mm(&self, side: f64, belief: &Belief) -> f64 {
         let u = 0.5 * (side + 1.0);
         let place = u * u * u * (10.0 - 15.0 * u + 6.0 * u * u);
-        (self.gap_mm + belief.gap_mm) * (place - 0.5)
+        let rests = if self.weight_n == 0.0 {
+            0.5
+        } else {
+            0.5 + 0.5 * self.weight_n.signum()
+        };
+        (self.gap_mm + belief.gap_mm) * (place - rests)
     }
 
     /// Where in the gap the motor is, in mm, and its acceleration, in mm/s².
@@ -346,7 +365,7 @@ impl InverseDynamics {
         let friction_n =
             self.table_friction
                 .update(&mut state.far_table_n, travel_mm, far.velocity_mm_s, level);
-        let contact_n = self.contact_n(far, friction_n) + belief.load_n;
+        let contact_n = self.contact_n(far, friction_n) + belief.load_n + self.weight_n;
         // With the acceleration it is the reversal itself. Against it (friction rises as the table slows down) the motor would
         // cross for a moment and back: only a force that lasts is worth it.
         let lasting_n = BACK_PART * self.table_friction.coulomb_at_n(level);
@@ -497,6 +516,7 @@ mod tests {
             motor_friction: slip(251.0),
             table_friction: slip(200.0),
             radius_m: 1.5915e-3,
+            weight_n: 0.0,
         }
     }
 

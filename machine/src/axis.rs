@@ -13,6 +13,7 @@ use crate::model::{Adaptation, AxisModel, DisturbanceObserver, TorqueFeedForward
 use crate::reversal::Reversal;
 use crate::signals::LimitSwitches;
 use crate::transmission::Transmission;
+use crate::weight::{Brake, BrakeBy, Gravity};
 
 /// One axis.
 #[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
@@ -84,6 +85,10 @@ pub struct Axis {
     pub limit_switches: Option<LimitSwitches>,
     /// This is the second motor of an axis that two motors drive ([how](../howto/gantry.md)). Such axes come last in the file.
     pub gantry: Option<Gantry>,
+    /// Weight that pulls the axis ([how](../howto/vertical-axis.md)). Without this table none does.
+    pub gravity: Option<Gravity>,
+    /// The holding brake of its motor. Without this table it has none.
+    pub brake: Option<Brake>,
     /// The motor's rating plate.
     pub motor: Motor,
     /// Position loop.
@@ -253,6 +258,33 @@ impl Axis {
             homing
                 .search_distance_mm
                 .unwrap_or(SEARCH_SHARE * travel_mm)
+        })
+    }
+
+    /// Force with which weight pulls it towards lower positions, in N; 0 without `[axis.gravity]`.
+    pub fn weight_n(&self) -> f64 {
+        self.gravity.as_ref().map_or(0.0, Gravity::pull_n)
+    }
+
+    /// Torque at the motor that holds it, in N·m: F·lead/2π; 0 without `[axis.gravity]`.
+    pub fn weight_nm(&self) -> f64 {
+        self.weight_n() * self.lead_mm * 1e-3 / std::f64::consts::TAU
+    }
+
+    /// Its brake, where the controller opens and closes it.
+    pub fn commanded_brake(&self) -> Option<&Brake> {
+        let brake = self.brake.as_ref();
+        brake.filter(|brake| brake.by == BrakeBy::Controller)
+    }
+
+    /// What is accepted with a remark: nothing holds it once its drive is off.
+    pub fn falls(&self) -> Option<String> {
+        (self.weight_n() != 0.0 && self.brake.is_none()).then(|| {
+            format!(
+                "axis {}: weight pulls it with {:.0} N, and it has no [axis.brake]: without power friction alone holds it",
+                self.name,
+                self.weight_n().abs()
+            )
         })
     }
 

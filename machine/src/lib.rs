@@ -47,6 +47,7 @@ mod signals;
 mod tool_table;
 pub mod tools_file;
 pub mod transmission;
+mod weight;
 mod whole_file;
 
 pub use alarms::{Alarm, AlarmReaction};
@@ -82,4 +83,5 @@ pub use signals::{
     Functions, LimitSwitches, MachineState, SetBy, Signal, SignalKind, SignalSink, SignalSource,
 };
 pub use tool_table::{Tool, parse_tools};
+pub use weight::{Brake, BrakeBy, FREE_FALL_M_S2, Gravity};
 pub use whole_file::{replace_file, replace_with};

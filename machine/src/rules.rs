@@ -17,6 +17,7 @@ mod model;
 mod processes;
 mod reversal;
 mod signals;
+mod weight;
 
 /// Checks every rule of the machine file.
 pub fn judge(rules: &mut Rules<'_>, machine: &Machine) {
@@ -46,6 +47,7 @@ pub fn judge(rules: &mut Rules<'_>, machine: &Machine) {
         }
         axis::judge(rules, machine, axis, at);
         gantry::judge(rules, machine, index, axis, at);
+        weight::judge(rules, machine, axis, at);
         reversal::judge(rules, machine, axis, at);
         model::judge(rules, machine, axis, at);
     }

@@ -6,7 +6,7 @@ use bytemuck::{Pod, Zeroable};
 /// What a drive is asked to do for one scan.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum DriveCommand {
-    /// No torque; friction alone holds the axis (no axis of these machines hangs).
+    /// No torque: brake or friction holds the axis. A drive that closes the brake by itself holds it until then.
     #[default]
     Disabled,
     /// The drive closes the velocity loop (CiA 402 cyclic synchronous velocity with torque offset).
@@ -206,6 +206,10 @@ pub trait Drives {
     /// The master has exchanged nothing for longer than its watchdog. Drives on a bus know it by a watchdog of their own and
     /// need no word; simulated ones have no other clock: they brake to rest and switch off.
     fn stalled(&mut self) {}
+
+    /// Whose brakes the controller wants open in this scan, a bit for each axis: of those that it opens and closes. Called once a scan,
+    /// before [`exchange`](Drives::exchange). A brake that nobody wants open any more closes.
+    fn open_brakes(&mut self, _axes: u64) {}
 
     /// What spindle, coolant, outputs and tool changer are to be in this scan; called once a scan, before
     /// [`exchange`](Drives::exchange). Levels stay until they change. A master that dies says nothing more: the spindle then stops by

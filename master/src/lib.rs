@@ -18,6 +18,7 @@ pub mod cycle;
 pub mod digest;
 pub mod drives;
 pub mod error;
+mod holding_brake;
 pub mod master;
 pub mod ports;
 pub mod run;

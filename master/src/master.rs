@@ -230,6 +230,7 @@ impl<D: Drives> Master<D> {
             self.brake_evenly(axis, most_mm_s2);
         }
         self.gantries.command(&mut self.drive_commands);
+        self.step_brakes();
         let levels = self.auxiliary.levels();
         self.drives.command_levels(&levels);
         self.command_signals(&levels);
@@ -263,6 +264,16 @@ impl<D: Drives> Master<D> {
         let out = &mut self.seen;
         (out.motion_digest_high, out.motion_digest_low) = self.digest.end();
         out
+    }
+
+    /// Which brakes are open in this scan; an axis whose brake is on its way gets what its drive is to do meanwhile.
+    fn step_brakes(&mut self) {
+        let mut open = 0;
+        let axes = self.axes.iter_mut().zip(&mut self.drive_commands);
+        for (index, (axis, command)) in axes.enumerate() {
+            open |= u64::from(axis.step_brake(command)) << index;
+        }
+        self.drives.open_brakes(open);
     }
 
     /// Brakes of an axis that is in step with the spindle, of both motors of a gantry, are no harder than this.

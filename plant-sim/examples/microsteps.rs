@@ -28,6 +28,8 @@ fn main() {
         period_us: 250,
         torque_limit_nm: 32.0,
         quick_stop_mm_s2: 5_000.0,
+        weight_nm: 0.0,
+        brake: None,
     };
     for (what, speed_mm_s, w_rad_s) in [
         ("R25 F3000", 50.0, 2.0),

@@ -1,6 +1,7 @@
 //! One simulated axis: drive, motor and mechanics, advanced one scan at a time.
 
 use bytemuck::{Pod, Zeroable};
+use machine::BrakeBy;
 use master::{DriveCommand, InstrumentSample, StateRefused};
 
 use crate::bridge::Bridge;
@@ -21,6 +22,8 @@ const REST_SCANS_MIN: u32 = 4;
 const REST_S: f64 = 0.05;
 /// Longest simulated time a run-down may take, in s: minutes of travel at any speed and deceleration that exist.
 const RUN_DOWN_S_MAX: f64 = 20.0;
+/// Longest wait for a brake to close, in s: more than the longest time that a plant file can give one.
+const CLOSING_S_MAX: f64 = 2.5;
 
 /// Clocks that do not fit each other.
 /// Why plant file and machine file do not fit each other.
@@ -35,6 +38,9 @@ pub struct AxisSettings {
     drive: DriveSettings,
     winding: WindingSettings,
     measurement: Option<Measurement>,
+    brake: Option<BrakeBy>,
+    /// The scan in which the drive loses its power, if it ever does.
+    power_lost_scan: Option<u64>,
     radius_m: f64,
     count_m: f64,
     scale_count_m: Option<f64>,
@@ -62,6 +68,12 @@ pub struct AxisState {
     pub torque_mean_nm: f64,
     /// 1 if the torque limit was active in the last scan.
     pub torque_limited: u64,
+    /// Scans so far, where one of them is that in which the drive loses its power.
+    pub scans: u64,
+    /// 1 while the controller wants the brake open, where it is the one to say so.
+    pub released: u32,
+    /// 1 while the drive has no power, until it is switched on.
+    pub powerless: u32,
 }
 
 /// How a run-down went.
@@ -195,6 +207,8 @@ impl AxisSettings {
             drive: DriveSettings::new(drive, axis.motor.peak_torque_nm, radius_m, count_m),
             winding: axis.winding(scan_s),
             measurement,
+            brake: drive.brake,
+            power_lost_scan: axis.power_lost_at_s.map(|at_s| (at_s / scan_s) as u64),
             radius_m,
             count_m,
             scale_count_m: axis.scale.map(|scale| scale.resolution_nm * 1e-9),
@@ -263,7 +277,11 @@ impl AxisSimulation {
     }
 
     /// Before the first microstep of a scan.
-    fn begin_scan(&self) -> Progress {
+    fn begin_scan(&mut self) -> Progress {
+        if let Some(lost_scan) = self.settings.power_lost_scan {
+            self.state.powerless |= u32::from(self.state.scans == lost_scan);
+            self.state.scans += 1;
+        }
         Progress {
             left: self.settings.microsteps_per_scan,
             until_sample: self.settings.microsteps_per_sample,
@@ -286,9 +304,10 @@ impl AxisSimulation {
                 motor_m += measurement.encoder(&mut self.state.measurement, motor_m);
             }
             let counts = counts(motor_m, settings.count_m);
+            let command = with_brake(settings.brake, &mut self.state, command);
             settings
                 .drive
-                .update(&mut self.state.drive, command, counts);
+                .update(&mut self.state.drive, &command, counts);
             progress.limited |= self.state.drive.limited != 0;
             progress.until_drive = settings.microsteps_per_drive_period;
         }
@@ -339,10 +358,47 @@ impl AxisSimulation {
         let command = DriveCommand::Brake { deceleration_mm_s2 };
         let scan_s = self.settings.scan_s;
         let mut rest = RestWatch::of(self);
-        run_down_with(scan_s, || {
+        // Who opened the brake says nothing more; a drive closes its own once the axis stands.
+        self.state.released = 0;
+        let run_down = run_down_with(scan_s, || {
             self.scan(&command, &mut []);
             rest.stands(self)
-        })
+        });
+        let last = match self.settings.brake {
+            Some(BrakeBy::Drive) => DriveCommand::Disabled,
+            _ => command,
+        };
+        let closing_scans = (CLOSING_S_MAX / scan_s) as u32;
+        for _ in 0..closing_scans {
+            if self.settings.brake.is_none() || self.is_braked() {
+                break;
+            }
+            self.scan(&last, &mut []);
+        }
+        run_down
+    }
+
+    /// Whether its brake holds it.
+    pub fn is_braked(&self) -> bool {
+        self.settings.brake.is_some() && self.state.mechanics.beyond.brake.holds()
+    }
+
+    /// Whether its drive follows commands: it has power, and a brake of its own is open.
+    pub fn follows(&self) -> bool {
+        let brake = &self.state.mechanics.beyond.brake;
+        let opened =
+            self.settings.brake != Some(BrakeBy::Drive) || brake.has_current() && !brake.holds();
+        self.state.powerless == 0 && opened
+    }
+
+    /// The drive has lost its power, in whatever state it is, or has it again.
+    pub fn power(&mut self, on: bool) {
+        self.state.powerless = u32::from(!on);
+    }
+
+    /// The controller wants the brake open, or closed, where it is the one to say so.
+    pub fn release(&mut self, open: bool) {
+        self.state.released = u32::from(open);
     }
 
     /// Other axes are where friction of this one is higher by a share than without them, from now on.
@@ -518,6 +574,40 @@ impl AxisState {
             && d.mode <= 3
             && d.limited <= 1
             && self.torque_limited <= 1
+            && m.beyond.brake.is_possible()
+            && self.released <= 1
+            && self.powerless <= 1
+    }
+}
+
+/// What a drive does for a command, with the brake of its motor. One that opens and closes it by itself holds the axis meanwhile.
+fn with_brake(by: Option<BrakeBy>, state: &mut AxisState, command: &DriveCommand) -> DriveCommand {
+    let brake = &mut state.mechanics.beyond.brake;
+    if state.powerless == 1 {
+        brake.switch(false);
+        return DriveCommand::Disabled;
+    }
+    let hold = DriveCommand::Brake {
+        deceleration_mm_s2: 0.0,
+    };
+    match (by, *command) {
+        (None, command) => return command,
+        (Some(BrakeBy::Controller), command) => {
+            brake.switch(state.released == 1);
+            return command;
+        }
+        (Some(BrakeBy::Drive), DriveCommand::SwitchOn) => brake.switch(true),
+        (Some(BrakeBy::Drive), DriveCommand::Disabled) => {
+            if state.drive.holds() || brake.holds() {
+                brake.switch(false);
+            }
+        }
+        (Some(BrakeBy::Drive), _) => {}
+    }
+    match (brake.has_current(), brake.holds()) {
+        (false, true) => DriveCommand::Disabled,
+        (true, false) if *command != DriveCommand::Disabled => *command,
+        _ => hold,
     }
 }
 

@@ -3,6 +3,7 @@
 //! Commands come in mm/s at the table and N·m at the motor; inside, everything is SI and linear (`F = T/p`).
 
 use bytemuck::{Pod, Zeroable};
+use machine::BrakeBy;
 use master::DriveCommand;
 
 /// How a drive is set up.
@@ -20,6 +21,10 @@ pub struct DriveParameters {
     pub torque_limit_nm: f64,
     /// Deceleration of the drive's own quick stop, in mm/s², where a command does not name one or is not a number.
     pub quick_stop_mm_s2: f64,
+    /// Torque that holds the weight of the axis, in N·m, as the drive is set up; 0 where nothing hangs.
+    pub weight_nm: f64,
+    /// Who opens and closes the brake of the motor, where it has one.
+    pub brake: Option<BrakeBy>,
 }
 
 /// The constants of [`DriveSettings::update`].
@@ -35,6 +40,9 @@ pub struct DriveSettings {
     quick_stop_m_s2: f64,
     per_lead_rad_m: f64,
     count_m_per_s: f64,
+    weight_n: f64,
+    /// The torque of the weight is there as soon as the drive is on: it opens the brake itself.
+    preloads: bool,
 }
 
 const MODE_DISABLED: u32 = 0;
@@ -64,6 +72,13 @@ pub struct DriveState {
     pub limited: u32,
 }
 
+impl DriveState {
+    /// Whether it brakes, and has brought its command to rest.
+    pub fn holds(&self) -> bool {
+        self.mode == MODE_BRAKE && self.command_m_s == 0.0
+    }
+}
+
 impl DriveSettings {
     /// Prepares a drive. `radius_m` is p = lead/2π, `count_m` one encoder count as travel.
     pub fn new(
@@ -85,6 +100,8 @@ impl DriveSettings {
             quick_stop_m_s2: parameters.quick_stop_mm_s2 * 1e-3,
             per_lead_rad_m: 1.0 / radius_m,
             count_m_per_s: count_m / period_s,
+            weight_n: parameters.weight_nm / radius_m,
+            preloads: parameters.brake == Some(BrakeBy::Drive),
         }
     }
 
@@ -126,9 +143,8 @@ impl DriveSettings {
                 torque_offset_nm,
             } if velocity_mm_s.is_finite() && torque_offset_nm.is_finite() => {
                 self.enter_loop(state);
-                state.mode = MODE_VELOCITY;
+                self.take_offset(state, torque_offset_nm);
                 state.command_m_s = velocity_mm_s * 1e-3;
-                state.offset_n = torque_offset_nm * self.per_lead_rad_m;
                 self.velocity_loop(state);
             }
             DriveCommand::Position {
@@ -141,10 +157,9 @@ impl DriveSettings {
             {
                 let error_m = position_mm * 1e-3 - counts as f64 * self.count_m;
                 self.enter_loop(state);
-                state.mode = MODE_VELOCITY;
+                self.take_offset(state, torque_offset_nm);
                 state.command_m_s =
                     self.position_gain_per_s * error_m + velocity_offset_mm_s * 1e-3;
-                state.offset_n = torque_offset_nm * self.per_lead_rad_m;
                 self.velocity_loop(state);
             }
             DriveCommand::Brake { deceleration_mm_s2 } if deceleration_mm_s2 > 0.0 => {
@@ -175,9 +190,22 @@ impl DriveSettings {
 
     /// Takes over the torque that is there when the velocity loop was open until now.
     fn enter_loop(&self, state: &mut DriveState) {
-        if state.mode == MODE_DISABLED || state.mode == MODE_TORQUE {
+        if state.mode == MODE_DISABLED && self.preloads {
+            state.integral_n = self.limit(self.weight_n);
+        } else if state.mode == MODE_DISABLED || state.mode == MODE_TORQUE {
             state.integral_n = state.demand_n;
         }
+    }
+
+    /// Follows commands with this torque. Of an axis with a weight, the loop has held it until now: what the torque brings of that goes
+    /// out of the integral, and the axis does not move.
+    fn take_offset(&self, state: &mut DriveState, torque_offset_nm: f64) {
+        state.offset_n = torque_offset_nm * self.per_lead_rad_m;
+        if self.weight_n != 0.0 && state.mode != MODE_VELOCITY {
+            let held_n = state.integral_n;
+            state.integral_n -= state.offset_n.clamp(held_n.min(0.0), held_n.max(0.0));
+        }
+        state.mode = MODE_VELOCITY;
     }
 
     fn velocity_loop(&self, state: &mut DriveState) {

@@ -233,6 +233,13 @@ impl SimulatedDrives {
         self
     }
 
+    /// The drive of an axis has lost its power: it has none before it is switched on again.
+    pub fn lose_power(&mut self, axis: usize) {
+        if let Some(axis) = self.axes.get_mut(axis) {
+            axis.simulation.power(false);
+        }
+    }
+
     /// The same with what its axes have to find their places; absolute encoders where it says nothing.
     pub fn with_homing(
         mut self,
@@ -324,7 +331,7 @@ impl Drives for SimulatedDrives {
             torque_limited: simulation.torque_limited(),
             referenced: axis.homing.referenced(),
             index_mm: axis.homing.index_mm(),
-            state: match axis.off {
+            state: match axis.off || !simulation.follows() {
                 true => DriveState::Off,
                 false => DriveState::Ready,
             },
@@ -335,7 +342,10 @@ impl Drives for SimulatedDrives {
         rub(&mut self.axes, &self.cross_talk);
         for (axis, command) in self.axes.iter_mut().zip(commands) {
             let acting = axis.acting(*command);
-            axis.off &= *command != DriveCommand::SwitchOn;
+            if *command == DriveCommand::SwitchOn {
+                axis.off = false;
+                axis.simulation.power(true);
+            }
             axis.homing.hand_over(command, &axis.simulation);
             axis.acts = axis.homing.act(acting, &axis.simulation);
         }
@@ -360,6 +370,12 @@ impl Drives for SimulatedDrives {
                 let sample = samples.and_then(|samples| samples.get(sample));
                 sample.map_or(0.0, |sample| sample.table_mm)
             });
+        }
+    }
+
+    fn open_brakes(&mut self, axes: u64) {
+        for (index, axis) in self.axes.iter_mut().enumerate() {
+            axis.simulation.release(axes >> index & 1 == 1);
         }
     }
 
@@ -398,6 +414,9 @@ impl Drives for SimulatedDrives {
         run_down(&mut self.axes, &self.bridges, together);
         for axis in &mut self.axes {
             axis.off = true;
+            if axis.simulation.is_braked() {
+                axis.simulation.power(false);
+            }
         }
     }
 

@@ -19,6 +19,7 @@ pub mod cutting;
 pub mod drive;
 pub mod drives;
 pub mod friction;
+mod holding_brake;
 pub mod homing;
 pub mod inputs;
 pub mod lost_motion;

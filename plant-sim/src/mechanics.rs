@@ -7,6 +7,7 @@ use bytemuck::{Pod, Zeroable};
 
 use crate::cutting::{CuttingState, PlantCutting};
 use crate::friction::{FrictionParameters, FrictionSettings, FrictionState, PlantLaw};
+use crate::holding_brake::{HoldingBrake, HoldingBrakeState};
 use crate::lost_motion::{LostMotion, LostMotionState};
 use crate::swinging::{Swinging, SwingingState};
 use crate::variation::{Variation, VariationState};
@@ -53,6 +54,10 @@ pub struct Beyond {
     pub attached: Option<Swinging>,
     /// The cut.
     pub cutting: Option<PlantCutting>,
+    /// Force with which weight pulls the table towards lower positions, in N.
+    pub weight_n: f64,
+    /// A brake at the motor.
+    pub brake: Option<HoldingBrake>,
     /// A frame that swings.
     pub frame: Option<Swinging>,
 }
@@ -69,6 +74,8 @@ pub struct BeyondState {
     pub attached: SwingingState,
     /// Of the cut.
     pub cutting: CuttingState,
+    /// Of the brake.
+    pub brake: HoldingBrakeState,
     /// Of the frame.
     pub frame: SwingingState,
     /// By which share friction is higher for where other axes are.
@@ -84,6 +91,8 @@ pub struct MechanicsSettings {
     stiffness_n_per_m: f64,
     damping_n_s_per_m: f64,
     half_gap_m: f64,
+    /// Motor less table where the table hangs still, in m: encoder and table agree there.
+    hang_m: f64,
     cogging_n: f64,
     cogging_per_m: f64,
     current_decay: f64,
@@ -123,6 +132,17 @@ pub struct Effort {
     pub force_square_sum_n2: f64,
 }
 
+impl MechanicsParameters {
+    /// Motor less table where the table hangs still, in m; 0 where no weight pulls it.
+    fn hang_m(&self) -> f64 {
+        let weight_n = self.beyond.map_or(0.0, |beyond| beyond.weight_n);
+        if weight_n == 0.0 {
+            return 0.0;
+        }
+        0.5 * self.gap_m * weight_n.signum() + weight_n / self.stiffness_n_per_m
+    }
+}
+
 impl MechanicsState {
     /// Where the table is from the ground, in m.
     pub fn table_from_ground_m(&self, settings: &MechanicsSettings) -> f64 {
@@ -143,6 +163,7 @@ impl MechanicsSettings {
             stiffness_n_per_m: parameters.stiffness_n_per_m,
             damping_n_s_per_m: parameters.damping_n_s_per_m,
             half_gap_m: 0.5 * parameters.gap_m,
+            hang_m: parameters.hang_m(),
             cogging_n: parameters.cogging_n,
             cogging_per_m: parameters.cogging_per_m,
             current_decay: libm::exp(-step_s / parameters.current_loop_s),
@@ -160,10 +181,10 @@ impl MechanicsSettings {
 
     /// Force in the screw, in N, positive where it pushes the table forward; it can push but not pull across the gap.
     ///
-    /// `d = x1 − x2`; `max(0, k·(d − b/2) + c·(v1 − v2))` above `b/2`, mirrored below `−b/2`, 0 between.
+    /// `d = x1 − x2 + hang`; `max(0, k·(d − b/2) + c·(v1 − v2))` above `b/2`, mirrored below `−b/2`, 0 between.
     #[inline]
     pub fn contact_n(&self, state: &MechanicsState) -> f64 {
-        let wind_m = state.motor_m - state.table_m;
+        let wind_m = state.motor_m - state.table_m + self.hang_m;
         let damping_n = self.damping_n_s_per_m * (state.motor_m_s - state.table_m_s);
         let above_m = wind_m - self.half_gap_m;
         let below_m = wind_m + self.half_gap_m;
@@ -251,6 +272,9 @@ impl MechanicsSettings {
             .variation
             .update(variation, time_s, s.table_m, s.table_m_s);
         at.level *= 1.0 + s.beyond.friction_share;
+        if let Some(brake) = &beyond.brake {
+            brake.wait(&mut s.beyond.brake, time_s);
+        }
         for _ in 0..steps {
             s.force_n = demand_n + (s.force_n - demand_n) * self.current_decay;
             let faster_m_s = s.motor_m_s - s.table_m_s;
@@ -271,10 +295,13 @@ impl MechanicsSettings {
             let attached_n = beyond.attached.map_or(0.0, |mass| {
                 mass.on_table(&mut s.beyond.attached, s.table_m_s)
             });
-            s.motor_m_s +=
-                self.motor_step_s_per_kg * (s.force_n + cogging_n - contact_n - motor_friction_n);
-            s.table_m_s +=
-                self.table_step_s_per_kg * (contact_n + cutting_n + attached_n - table_friction_n);
+            let held_n = beyond
+                .brake
+                .map_or(0.0, |brake| brake.update(&mut s.beyond.brake, s.motor_m_s));
+            s.motor_m_s += self.motor_step_s_per_kg
+                * (s.force_n + cogging_n - contact_n - motor_friction_n - held_n);
+            s.table_m_s += self.table_step_s_per_kg
+                * (contact_n + cutting_n + attached_n - table_friction_n - beyond.weight_n);
             if let Some(frame) = &beyond.frame {
                 // The tool stands on the ground: what the cut does to it is not the frame's.
                 let faster_m_s =

@@ -12,12 +12,14 @@ mod tests;
 
 pub use crate::cutting::PlantCutting;
 pub use crate::friction::PlantLaw;
+pub use crate::holding_brake::PlantBrake;
 pub use crate::variation::PlantVariation;
 pub use keys::{
     Actuated, BODIES_MAX, INPUT_LINES_MAX, MotorFriction, PlantAttachedMass, PlantAxis, PlantBox,
     PlantBridge, PlantContact, PlantCrossTalk, PlantCylinder, PlantDrive, PlantDriveHoming,
-    PlantEncoder, PlantFile, PlantFrame, PlantHomeSwitch, PlantInput, PlantMeasuredFriction,
-    PlantMeasurement, PlantMotor, PlantPlane, PlantProbe, PlantScale, PlantScrew, PlantSimple,
-    PlantSphere, PlantSpindle, PlantTable, PlantToolChanger, TableFriction,
+    PlantEncoder, PlantFile, PlantFrame, PlantGravity, PlantHomeSwitch, PlantInput,
+    PlantMeasuredFriction, PlantMeasurement, PlantMotor, PlantPlane, PlantProbe, PlantScale,
+    PlantScrew, PlantSimple, PlantSphere, PlantSpindle, PlantTable, PlantToolChanger,
+    TableFriction,
 };
 pub use load::schema;

@@ -40,6 +40,8 @@ fn drive_parameters(axis: &Axis) -> DriveParameters {
         period_us: axis.velocity_loop.period_us,
         torque_limit_nm: axis.motor.peak_torque_nm,
         quick_stop_mm_s2: axis.quick_stop_mm_s2,
+        weight_nm: axis.weight_nm(),
+        brake: axis.brake.map(|brake| brake.by),
     }
 }
 
@@ -125,6 +127,19 @@ impl PlantFile {
             return wrong_axis(&axis.name, &what);
         }
         Ok(())
+    }
+
+    /// What opens a brake, and the brake, are both there or neither.
+    fn judge_brake(&self, axis: &Axis) -> Result<(), SetupError> {
+        let brake = self.axis(&axis.name).is_some_and(|of| of.brake.is_some());
+        match (axis.brake.is_some(), brake) {
+            (true, false) => missing(&format!("[axis.brake] for {}", axis.name), "axis.brake"),
+            (false, true) => wrong_axis(
+                &axis.name,
+                "[axis.brake] in the plant file, but the machine file has none: nothing opens it",
+            ),
+            _ => Ok(()),
+        }
     }
 
     /// What joins the motors of the machine's gantries.
@@ -264,6 +279,7 @@ impl PlantFile {
                     &drive_parameters(axis),
                     machine.scan.period_us,
                 )?;
+                self.judge_brake(axis)?;
                 let has_scale = self.axis(&axis.name).is_some_and(|a| a.scale.is_some());
     if axis.feedback == PositionFeedback::Scale && !has_scale {
      let what = "feedback = \"scale\" in the machine file, but the plant file has no [axis.scale]";

@@ -66,9 +66,21 @@ pub struct AxisReport {
     /// Of the second motor of a gantry; left out of all others.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub gantry: Option<GantryReport>,
+    /// Of an axis that weight pulls; left out of all others.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub weight: Option<WeightReport>,
     /// Largest magnitudes of the numbers that are shown as the feedback has them, by key and `_peak`.
     #[serde(flatten)]
     pub quantities: BTreeMap<String, f64>,
+}
+
+/// How far an axis dropped while its drive was off or the machine had tripped, from where it had been brought to rest or lost its power.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+pub struct WeightReport {
+    /// Largest drop of the table.
+    pub drop_um_peak: f64,
+    /// What the closing time of the brake allows, where it has one and its mass is known.
+    pub closing_allows_um: Option<f64>,
 }
 
 /// The skew of a gantry: position of its second motor less that of its first, while the drives were on.
@@ -189,6 +201,10 @@ impl AxisReport {
                 skew_um_peak: r3(meter.skew_mm.peak * 1e3),
                 skew_um_rms: r3(meter.skew_mm.rms() * 1e3),
                 skew_um_max: r3(gantry.skew_max_mm * 1e3),
+            }),
+            weight: meter.drop.map(|of| WeightReport {
+                drop_um_peak: r3(of.most_mm * 1e3),
+                closing_allows_um: of.allowed_mm.map(|mm| r3(mm * 1e3)),
             }),
             quantities,
         }

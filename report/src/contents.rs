@@ -570,11 +570,28 @@ fn drives(report: &Report) -> Section {
                 .chain(cut)
                 .chain(foreign)
                 .chain(skews(report))
+                .chain(drops(report))
                 .collect(),
         ),
     ];
     blocks.push(Block::Note("Winding: largest rise above ambient.".into()));
     section("Drives", blocks)
+}
+
+/// How far each axis with a weight has dropped.
+fn drops(report: &Report) -> impl Iterator<Item = String> + '_ {
+    report.axes.iter().filter_map(|axis| {
+        let weight = axis.weight?;
+        let allowed = weight
+            .closing_allows_um
+            .map(|um| format!("; the closing time of its brake allows {um:.1} µm"));
+        Some(format!(
+            "{}: dropped by {:.1} µm at most while its drive was off or the machine had tripped{}",
+            axis.axis,
+            weight.drop_um_peak,
+            allowed.unwrap_or_default()
+        ))
+    })
 }
 
 /// How far apart the two motors of each gantry were.

@@ -31,7 +31,7 @@ mod gap_tests;
 #[cfg(test)]
 mod tests;
 
-use bus::sample::{Feedback, Instruments, MAX_AXES, Mode, WindowId};
+use bus::sample::{Cause, Feedback, Instruments, MAX_AXES, Mode, WindowId};
 use machine::Machine;
 use path::geometry::AxisVector;
 use path::kinematics::Kinematics;
@@ -162,7 +162,11 @@ impl Analysis {
         let increments_mm: Vec<f64> = machine.axes.iter().map(|a| a.increment_mm()).collect();
         Analysis {
             aligner: Aligner::new(machine.axes.len()),
-            axes: machine.axes.iter().map(AxisMeter::of).collect(),
+            axes: machine
+                .axes
+                .iter()
+                .map(|axis| AxisMeter::of(axis, period_s))
+                .collect(),
             audit: LimitsAudit::new(&machine),
             contour_mm: Statistics::default(),
             contour_parts: ContourPartsMeter::new(&kinematics, &increments_mm, period_s),
@@ -324,6 +328,7 @@ impl Analysis {
                 self.contour_parts.command(index, command.position);
             }
         }
+        self.take_drops(set, feedback);
         for pair in self.machine.gantries().filter(|_| drives_on) {
             if let Some(axis) = self.axes.get_mut(pair.follower) {
                 axis.skew_mm.take(self.machine.skew_mm(&pair, feedback));
@@ -342,6 +347,23 @@ impl Analysis {
             *commanded = set.command(index).is_some();
         }
         self.last = Some(*feedback);
+    }
+
+    /// How far axes with a weight have dropped by this scan.
+    fn take_drops(&mut self, set: &ScanSet, feedback: &Feedback) {
+        let Some(seen) = &set.instruments else {
+            return;
+        };
+        let (mode, cause) = (feedback.mode, feedback.cause);
+        let stop = (Mode::from_wire(mode), Cause::from_wire(cause));
+        let axes = self.axes.iter_mut().zip(feedback.axes()).zip(&seen.axes);
+        for ((axis, shown), seen_axis) in axes {
+            if let Some(meter) = &mut axis.drop {
+                let samples = seen.subsamples as usize;
+                let table_mm = seen_axis.table_mm.iter().take(samples).copied();
+                meter.take(stop, shown, table_mm);
+            }
+        }
     }
 
     /// The scan's share of the block that its command is in; off the path it is none's.

@@ -56,6 +56,8 @@ pub struct ModelSettings {
     increment_mm: f64,
     /// Travel per radian of the motor, in m.
     radius_m: f64,
+    /// Torque that holds the weight of the axis, in N·m.
+    pub(crate) weight_nm: f64,
     /// Most torque that is fed forward, in N·m.
     fed_nm_max: f64,
     /// Scans from a command to the scan that it acts in.
@@ -164,6 +166,7 @@ impl ModelSettings {
             scan_s,
             increment_mm: axis.increment_mm(),
             radius_m,
+            weight_nm: axis.weight_nm(),
             fed_nm_max: FED_TORQUE_PART * axis.motor.peak_torque_nm,
             dead_time_scans: dead_time_scans as usize,
         }
@@ -189,7 +192,8 @@ impl ModelSettings {
             self.move_table(model, state, learned, &belief, &setpoint, &mut added);
             friction_n = model.friction_n(&state.inverse_dynamics, &belief.level);
         }
-        let asked_nm = added.torque_nm + beside.torque_nm;
+        // The weight is no friction: with the axis at rest, and in either direction, the torque that holds it is the same.
+        let asked_nm = added.torque_nm + beside.torque_nm + self.weight_nm;
         added.torque_nm = asked_nm.clamp(-self.fed_nm_max, self.fed_nm_max);
         state.torque_cut_nm = asked_nm - added.torque_nm;
         let models_nm = added.torque_nm - beside.torque_nm;
@@ -255,6 +259,7 @@ impl ModelSettings {
         let belief = self
             .adaptation
             .belief(&state.adaptation, self.tuned(learned));
+        let torque_nm = torque_nm - self.weight_nm;
         model.rest_at(&mut state.inverse_dynamics, torque_nm, &belief);
         let change_n = state.inverse_dynamics.force_n - before_n;
         for fed_nm in &mut state.torque_feed_forward_nm {
@@ -459,6 +464,7 @@ fn inverse_dynamics(
         motor_friction: slip(model.coulomb_n - table.coulomb_n, &curve),
         table_friction: slip(table.coulomb_n, &table.friction.unwrap_or(curve)),
         radius_m,
+        weight_n: axis.weight_n(),
     })
 }
 

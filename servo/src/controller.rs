@@ -414,6 +414,8 @@ impl Servo {
             role: self.role,
             incarnation: self.incarnation,
             ahead_scans: self.settings.manual.ahead_scans,
+            // What holds a weight is there before a loop is closed.
+            torque_nm: self.settings.model.weight_nm,
             drive_mode: match self.settings.drive_mode {
                 DriveMode::Velocity => 0,
                 DriveMode::Torque => 1,
@@ -433,7 +435,7 @@ impl Servo {
 
     fn silence(&mut self, mut command: AxisCommand) -> AxisCommand {
         command.velocity_mm_s = 0.0;
-        command.torque_nm = 0.0;
+        command.torque_nm = self.settings.model.weight_nm;
         self.state.velocity_loop.integrator_nm = 0.0;
         if !command.following_error_mm.is_finite() {
             command.following_error_mm = 0.0;

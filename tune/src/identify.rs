@@ -23,6 +23,10 @@ use signals::{SMOOTHING_S, Shape, Signals, share_travel};
 /// Break distances of the slip elements, in µm: fixed, so that the shares are linear unknowns.
 pub const BREAK_UM: [f64; ELEMENTS] = [0.5, 1.5, 4.0, 10.0, 25.0, 60.0];
 
+/// Part of Coulomb friction above which a constant force is more than the table's own friction, so that the gap is not crossed where an
+/// axis reverses slowly.
+const HANGS_PART: f64 = 0.5;
+
 /// How torque becomes force at the table, and how signals are smoothed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Lever {
@@ -204,6 +208,12 @@ impl Found {
         self.structure.and(&table)
     }
 
+    /// Why a table that hangs shows neither gap nor wind-up: slow motions never lift it off.
+    fn hangs(&self) -> Option<&'static str> {
+        let hangs = self.whole_structure().constant_n.abs() > HANGS_PART * self.coulomb_n();
+        hangs.then_some("a weight holds the table against one side of the gap")
+    }
+
     /// What is left unexplained beyond noise, in N.
     pub fn beyond_noise_n(&self) -> f64 {
         (self.residual_n.powi(2) - self.noise_n.powi(2))
@@ -246,7 +256,7 @@ pub fn models(recordings: &[Recording], steady: &Recording, lever: &Lever) -> Ve
     let found = aligned(&all, lever);
     let why = found
         .first()
-        .and_then(|first| no_table(first.table.as_ref()?));
+        .and_then(|first| no_table(first.table.as_ref()?).or(first.hangs()));
     let (mut found, no_table) = if why.is_some() {
         // A scale that shows no table is left alone.
         for recording in &mut all {

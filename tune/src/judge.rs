@@ -72,8 +72,8 @@ pub fn remarks(found: &Found) -> Vec<String> {
     }
     if structure.constant_n.abs() > worth_n {
         lines.push(format!(
-            "Coulomb friction is {:.1} N forward and {:.1} N back, or {:+.1} N always act on it: the integrator carries that; where \
-             the gap is crossed early and late for it, about {:.1} µm",
+            "Coulomb friction is {:.1} N forward and {:.1} N back, or {:+.1} N always act on it: a weight is said in [axis.gravity] and fed \
+             forward; the integrator carries what is not, and where the gap is crossed early and late for it, about {:.1} µm",
             friction_n + structure.constant_n,
             friction_n - structure.constant_n,
             structure.constant_n,

@@ -231,6 +231,9 @@ pub fn settings(
     reversal(axis, &timing, found, (lost_motion_um, known.kind), method);
     torque(axis, &timing, found, method);
     model(axis, found);
+    if known.gravity.is_some() {
+        gravity(axis, found);
+    }
     let known_table = known.model.and_then(|model| model.table);
     match (&found.table, lost_motion_um, known_table) {
         (Some(found), _, _) => table_model(axis, found, timing.scan_s),
@@ -378,6 +381,17 @@ fn model(axis: &mut Table, found: &Found) {
     let viscous = digits(found.viscous_n_s_per_m(), 4);
     model.set("viscous_n_s_per_m", viscous, "");
     curve(axis, &["model", "friction"], &found.motor);
+}
+
+/// The weight of an axis that has one: what the torque is off either way.
+fn gravity(axis: &mut Table, found: &Found) {
+    let mut gravity = Keys::of(axis, &["gravity"]);
+    let force_n = digits(found.whole_structure().constant_n, 4);
+    let why = "tune: mean of the torques up and down";
+    gravity.set("force_n", force_n, why);
+    for key in ["mass_kg", "counterbalance_n"] {
+        gravity.0.remove(key);
+    }
 }
 
 fn table_model(axis: &mut Table, found: &FoundTable, scan_s: f64) {

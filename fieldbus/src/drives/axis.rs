@@ -27,6 +27,8 @@ pub(super) struct Fields {
     target_position: Option<Field>,
     velocity_offset: Option<Field>,
     torque_offset: Option<Field>,
+    /// The physical outputs, where the controller opens and closes the brake by their bit 0.
+    brake: Option<Field>,
     /// What has no command of its own.
     constants: Vec<(Field, i64)>,
     statusword: Field,
@@ -55,7 +57,7 @@ fn write(field: Option<Field>, own: &mut [u8], value: i64) {
 
 impl Fields {
     /// Of a drive file; none if it has no controlword, statusword or position, which its rules refuse.
-    fn of(drive: &DriveFile) -> Option<Fields> {
+    fn of(drive: &DriveFile, axis: &Axis) -> Option<Fields> {
         let (receive, transmit) = (&drive.process_data.receive, &drive.process_data.transmit);
         let mut at_bits = 0;
         let mut constants = Vec::new();
@@ -74,6 +76,14 @@ impl Fields {
             target_position: field(receive, cia402::TARGET_POSITION),
             velocity_offset: field(receive, cia402::VELOCITY_OFFSET),
             torque_offset: field(receive, cia402::TORQUE_OFFSET),
+            brake: axis.commanded_brake().and_then(|_| {
+                let (at_bits, entry) = process_data::find(receive, cia402::PHYSICAL_OUTPUTS, 1)?;
+                let bits = entry.bits;
+                Some(Field {
+                    at_bits: at_bits as usize,
+                    bits,
+                })
+            }),
             constants,
             statusword: field(transmit, cia402::STATUSWORD)?,
             mode_display: field(transmit, cia402::MODE_DISPLAY),
@@ -92,6 +102,8 @@ pub(super) struct DriveAxis {
     fields: Fields,
     units: Units,
     operate: OperatingMode,
+    /// The controller wants its brake open.
+    pub opens_brake: bool,
     scan_s: f64,
     quick_stop_mm_s2: f64,
     walk: StateWalk,
@@ -122,7 +134,8 @@ impl DriveAxis {
     /// The drive of an axis, before it has been seen; none if its file lacks what every mode needs.
     pub fn new(drive: &DriveFile, axis: &Axis, scan_s: f64, missed_max: u32) -> Option<DriveAxis> {
         Some(DriveAxis {
-            fields: Fields::of(drive)?,
+            fields: Fields::of(drive, axis)?,
+            opens_brake: false,
             units: Units::of(drive, axis.lead_mm),
             operate: drive.mode.operate,
             scan_s,
@@ -185,6 +198,7 @@ impl DriveAxis {
         };
         outputs(image, &mut |own| {
             self.write_common(own, controlword);
+            self.write_brake(own);
             self.write_targets(own, position_mm, torque_nm, follows);
         });
         outputs(silent, &mut |own| {
@@ -256,6 +270,14 @@ impl DriveAxis {
         if let Some(mode) = self.fields.mode {
             let asked = self.homing.mode().unwrap_or(self.operate.value());
             mode.write_signed(own, asked);
+        }
+    }
+
+    /// Bit 0 of the physical outputs opens the brake. Where nobody speaks any more it is not written, and the brake closes.
+    fn write_brake(&self, own: &mut [u8]) {
+        if let Some(field) = self.fields.brake {
+            let bit = Field { bits: 1, ..field };
+            bit.write(own, self.opens_brake.into());
         }
     }
 

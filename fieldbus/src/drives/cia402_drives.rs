@@ -251,6 +251,12 @@ impl<W: Wire> Drives for Cia402Drives<W> {
         }
     }
 
+    fn open_brakes(&mut self, axes: u64) {
+        for (index, axis) in self.axes.iter_mut().enumerate() {
+            axis.drive.opens_brake = axes >> index & 1 == 1;
+        }
+    }
+
     fn inputs(&self) -> InputFeedback {
         let mut digital = 0;
         for axis in &self.axes {

@@ -59,6 +59,7 @@ pub struct TroubledDrives {
     /// Troubles that begin with the next scan: the drives of a master can be looked at alone, not changed.
     faults: Axes,
     losses: Axes,
+    outages: Axes,
     troubles: [Trouble; MAX_AXES],
     /// What each has shown last while it was heard.
     heard: [DriveFeedback; MAX_AXES],
@@ -73,6 +74,7 @@ impl TroubledDrives {
             drives,
             faults: Axes::default(),
             losses: Axes::default(),
+            outages: Axes::default(),
             troubles: [Trouble::None; MAX_AXES],
             heard: [DriveFeedback::default(); MAX_AXES],
         }
@@ -86,6 +88,11 @@ impl TroubledDrives {
     /// The drive of an axis does not answer any more.
     pub fn lose(&self, axis: usize) {
         self.losses.add(axis);
+    }
+
+    /// The drive of an axis loses its power.
+    pub fn lose_power(&self, axis: usize) {
+        self.outages.add(axis);
     }
 
     /// The same troubles as these have: another master has taken the drives.
@@ -152,6 +159,9 @@ impl Drives for TroubledDrives {
         for axis in self.losses.take() {
             self.troubles[axis] = Trouble::Lost;
         }
+        for axis in self.outages.take() {
+            self.drives.lose_power(axis);
+        }
         let lost = self.troubles.contains(&Trouble::Lost);
         if lost && commands.contains(&DriveCommand::SwitchOn) {
             self.troubles = [Trouble::Away(AWAY_SCANS); MAX_AXES];
@@ -171,6 +181,10 @@ impl Drives for TroubledDrives {
 
     fn stalled(&mut self) {
         self.drives.stalled();
+    }
+
+    fn open_brakes(&mut self, axes: u64) {
+        self.drives.open_brakes(axes);
     }
 
     fn command_levels(&mut self, levels: &Levels) {

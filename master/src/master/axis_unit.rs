@@ -13,6 +13,7 @@ use super::hand::Hand;
 use super::sane::{Sane, guards};
 use super::servos::{Plan, Servos, Taken, Wanted};
 use crate::drives::{DriveCommand, DriveFeedback, DriveState};
+use crate::holding_brake::{HoldingBrake, HoldingBrakeState};
 
 /// One axis as the master sees it.
 #[derive(Debug, Clone)]
@@ -27,6 +28,10 @@ pub(super) struct AxisUnit {
     /// The hand on it, and which controller drives it.
     pub hand: Hand,
     drive: DriveFeedback,
+    /// A brake that the controller opens and closes, and what the drive itself says of its state.
+    brake: Option<HoldingBrake>,
+    brake_state: HoldingBrakeState,
+    own_state: DriveState,
     /// Position of the motor in the scan before, which the command of this one answers, in mm.
     answered_motor_mm: f64,
     /// Where the axis is commanded to be, in increments.
@@ -54,6 +59,9 @@ impl AxisUnit {
             settings: settings.clone(),
             path_axis: machine.path_axis(index),
             drive: DriveFeedback::default(),
+            brake: HoldingBrake::new(settings, machine.scan_period_s()),
+            brake_state: HoldingBrakeState::default(),
+            own_state: DriveState::default(),
             answered_motor_mm: 0.0,
             command_position: 0,
             cause: Cause::None,
@@ -138,6 +146,11 @@ impl AxisUnit {
     pub fn take_drive(&mut self, drive: DriveFeedback) {
         self.answered_motor_mm = self.drive.motor_position_mm;
         self.drive = drive;
+        self.own_state = drive.state;
+        let closed = self.brake.is_some() && !self.brake_state.is_open();
+        if closed && drive.state == DriveState::Ready {
+            self.drive.state = DriveState::Off;
+        }
         self.judge_reference();
         match drive.state {
             DriveState::Fault { code } => self.fault_code = code,
@@ -201,6 +214,21 @@ impl AxisUnit {
             velocity_offset_mm_s: offset_mm_s,
             torque_offset_nm: command.torque_nm,
         }
+    }
+
+    /// One scan of its brake, where the controller opens and closes it: what the drive gets for this command; whether the brake is to be
+    /// open.
+    pub fn step_brake(&mut self, command: &mut DriveCommand) -> bool {
+        let stands = self.stands();
+        let Some(brake) = &self.brake else {
+            return false;
+        };
+        let shown = DriveFeedback {
+            state: self.own_state,
+            ..self.drive
+        };
+        *command = brake.update(&mut self.brake_state, *command, &shown, stands);
+        self.brake_state.opens()
     }
 
     fn brake(&self) -> DriveCommand {
@@ -415,7 +443,7 @@ impl AxisUnit {
     }
 
     /// State that a later scan depends on beside what is told.
-    pub fn inner(&self) -> i64 {
-        self.deviation
+    pub fn inner(&self) -> (i64, (u32, u32)) {
+        (self.deviation, self.brake_state.inner())
     }
 }

@@ -38,6 +38,8 @@ pub struct InnerAxis {
     pub silent: bool,
     /// Deviation of the open loop.
     pub deviation: i64,
+    /// Step of its brake, and the scans in it.
+    pub brake: (u32, u32),
     /// Its motion by hand.
     pub hand: [u64; 6],
     /// The window that its command in force holds as pending.
@@ -64,12 +66,14 @@ impl<D: Drives> Master<D> {
                 .axes
                 .iter()
                 .map(|axis| {
+                    let (deviation, brake) = axis.inner();
                     let (switch, followed, silent, pending) = axis.servos.inner();
                     InnerAxis {
                         switch,
                         followed,
                         silent,
-                        deviation: axis.inner(),
+                        deviation,
+                        brake,
                         hand: axis.hand.inner(self.scan),
                         pending,
                     }

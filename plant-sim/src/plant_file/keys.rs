@@ -8,6 +8,7 @@ use serde::Deserialize;
 
 use crate::cutting::PlantCutting;
 use crate::friction::{ELEMENTS, PlantLaw};
+use crate::holding_brake::PlantBrake;
 use crate::lost_motion::JENKINS_ELEMENTS;
 use crate::sliding_curve::SIDE_ROWS_MAX;
 use crate::variation::PlantVariation;
@@ -271,6 +272,14 @@ pub struct PlantAxis {
     /// The bridge that joins the table of a second motor (`X2`) to that of its axis (`X`). Each of the two has its own part of the
     /// mass and the friction.
     pub bridge: Option<PlantBridge>,
+    /// Weight that pulls the table. Without this table none does.
+    pub gravity: Option<PlantGravity>,
+    /// The holding brake of the motor. Without this table it has none.
+    pub brake: Option<PlantBrake>,
+    /// When its drive loses its power, after the first scan, until it is switched on again: a fault to try what the machine does. Without
+    /// it never.
+    #[schemars(extend("unit" = "s", "minimum" = 0, "maximum" = 1_000_000))]
+    pub power_lost_at_s: Option<f64>,
     /// Linear scale, where there is one.
     pub scale: Option<PlantScale>,
     /// The motor encoder is incremental, and begins anywhere. Without this table it is absolute.
@@ -335,6 +344,14 @@ pub struct PlantSimple {
     /// Backlash gap between them.
     #[schemars(extend("unit" = "µm", "minimum" = 0, "maximum" = 1000, "default" = 0.0))]
     pub gap_um: f64,
+}
+
+/// Weight that pulls the table ([equations](../methods/physics.md#weight-and-holding-brake)).
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
+pub struct PlantGravity {
+    /// What no counterweight holds; above 0 it pulls towards lower positions.
+    #[schemars(extend("unit" = "N", "minimum" = -1_000_000, "maximum" = 1_000_000))]
+    pub force_n: f64,
 }
 
 /// The bridge of a gantry ([equations](../methods/physics.md#a-bridge-between-two-motors)).

@@ -3,6 +3,7 @@
 use machine::SECOND_MOTOR;
 
 use crate::friction::FrictionParameters;
+use crate::holding_brake::HoldingBrake;
 use crate::lost_motion::LostMotion;
 use crate::measurement::Measurement;
 use crate::mechanics::{Beyond, MechanicsParameters};
@@ -87,6 +88,8 @@ impl PlantAxis {
             || self.attached_mass.is_some()
             || self.cutting.is_some()
             || self.frame.is_some()
+            || self.gravity.is_some()
+            || self.brake.is_some()
             || self
                 .cross_talk
                 .iter()
@@ -106,10 +109,19 @@ impl PlantAxis {
                 Swinging::new(of.mass_kg, of.frequency_hz, of.damping_ratio, microstep_s)
             }),
             cutting: self.cutting,
+            weight_n: self.gravity.map_or(0.0, |of| of.force_n),
+            brake: self.holding_brake(microstep_s),
             frame: self.frame.map(|of| {
                 Swinging::new(of.mass_kg, of.frequency_hz, of.damping_ratio, microstep_s)
             }),
         })
+    }
+
+    /// The brake of its motor; none where it has none.
+    pub fn holding_brake(&self, microstep_s: f64) -> Option<HoldingBrake> {
+        let of = self.brake.as_ref()?;
+        let mass_kg = self.motor_mass_kg();
+        Some(HoldingBrake::new(of, self.radius_m(), mass_kg, microstep_s))
     }
 
     /// What the drive measures wrongly; none where nothing.

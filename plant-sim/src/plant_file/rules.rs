@@ -270,7 +270,12 @@ fn swinging(plant: &PlantFile, axis: &PlantAxis, step_s: f64) -> Vec<Swinging> {
             + friction.viscous_n_s_per_m,
     };
     let mut table = contact("table", m.table_mass_kg, &m.table_friction);
-    let mut all = vec![contact("motor", m.motor_mass_kg, &m.motor_friction)];
+    let mut motor = contact("motor", m.motor_mass_kg, &m.motor_friction);
+    if let Some(brake) = axis.holding_brake(step_s) {
+        motor.spring_n_per_m += brake.stiffness_n_per_m();
+        motor.damper_n_s_per_m += brake.damping_n_s_per_m();
+    }
+    let mut all = vec![motor];
     let joins = |other: &&PlantAxis| {
         let first = plant.bridged(other);
         other.name == axis.name || first.is_some_and(|first| first.name == axis.name)

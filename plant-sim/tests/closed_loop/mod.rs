@@ -26,6 +26,8 @@ fn drive(plant: &PlantFile, name: &str) -> DriveParameters {
         period_us: 250,
         torque_limit_nm: axis.motor.peak_torque_nm,
         quick_stop_mm_s2: 5_000.0,
+        weight_nm: 0.0,
+        brake: None,
     }
 }
 

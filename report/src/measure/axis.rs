@@ -1,6 +1,7 @@
 //! One axis over the run: following error, torque, heat; and the audit of its setpoints.
 
 pub mod blocks;
+pub mod drop;
 pub mod percentiles;
 
 use bus::sample::{AxisCommand, AxisFeedback, Feedback, MAX_AXES, Mode};
@@ -39,6 +40,8 @@ pub struct AxisMeter {
     pub missed_scans: u32,
     /// Of a second motor its position less that of its axis's first, in mm, while the drives were on.
     pub skew_mm: Statistics,
+    /// How far it has dropped; none of an axis without weight.
+    pub drop: Option<drop::DropMeter>,
     /// As many had been missed when the run began.
     pub missed_before: u32,
     /// Prediction of the feedback position; none where it is off.
@@ -76,9 +79,10 @@ impl FrictionMeter {
 
 impl AxisMeter {
     /// For one axis.
-    pub fn of(axis: &Axis) -> AxisMeter {
+    pub fn of(axis: &Axis, scan_s: f64) -> AxisMeter {
         AxisMeter {
             prediction: PredictionMeter::of(axis),
+            drop: drop::DropMeter::of(axis, scan_s),
             ..AxisMeter::default()
         }
     }
