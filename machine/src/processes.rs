@@ -32,17 +32,17 @@ pub struct Processes {
     pub servo: OfProcess,
     /// The planner: 50.
     pub planner: OfProcess,
-    /// What asks the machine's own logic, and the logic: 0.
-    pub logic: OfProcess,
     /// The recorder: 0.
     pub monitor: OfProcess,
+    /// What asks the machine's own logic, and the logic: 0.
+    pub logic: OfProcess,
 }
 
 /// What one kind of process has for itself.
 #[derive(Debug, Clone, PartialEq, Eq, Deserialize, JsonSchema)]
 pub struct OfProcess {
     /// SCHED_FIFO priority: a higher one goes before a lower one, and any before 0, an ordinary process. None may be below the next in
-    /// this order: fieldbus, master, servo, planner, logic, monitor.
+    /// this order: fieldbus, master, servo, planner, monitor.
     #[schemars(extend("minimum" = 0, "maximum" = 98))]
     pub priority: Option<u32>,
     /// Processors, as the kernel numbers them; none for all that the launcher may use.
@@ -51,7 +51,7 @@ pub struct OfProcess {
 }
 
 impl Processes {
-    /// Every kind of process with its key; none of them waits for one behind it.
+    /// Every kind of process with its key; none of them waits for one behind it, and the last is waited for by none.
     pub fn jobs(&self) -> [(Job, &'static str, Priority, &OfProcess); 6] {
         [
             (
@@ -63,8 +63,8 @@ impl Processes {
             (Job::Master, "master", Priority::Master, &self.master),
             (Job::Servo, "servo", Priority::Servo, &self.servo),
             (Job::Planner, "planner", Priority::Planner, &self.planner),
-            (Job::Logic, "logic", Priority::Ordinary, &self.logic),
             (Job::Monitor, "monitor", Priority::Ordinary, &self.monitor),
+            (Job::Logic, "logic", Priority::Ordinary, &self.logic),
         ]
     }
 

@@ -232,7 +232,9 @@ from = { drive = "X", bit = 3 }
 "#;
 
     fn machine() -> Machine {
-        Machine::parse("machine.toml", &format!("{SIGNALS}\n{MACHINE}")).expect("a machine")
+        let name = "name = \"xy\"\n";
+        let text = MACHINE.replacen(name, &format!("{name}{SIGNALS}"), 1);
+        Machine::parse("machine.toml", &text).expect("a machine")
     }
 
     fn contact(signal: &str) -> PlantContact {

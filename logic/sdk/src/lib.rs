@@ -6,13 +6,15 @@
 //!
 //! ```no_run
 //! // Air before the chuck opens; no program without air.
-//! quadrant_logic::run(|io: &mut quadrant_logic::Io| {
-//!     let air = io.is_on("air_ok");
-//!     io.set("chuck_valve", air && io.is_on("chuck_button"));
-//!     if !air {
-//!         io.inhibit();
-//!     }
-//! })
+//! fn main() -> std::process::ExitCode {
+//!     quadrant_logic::run(|io: &mut quadrant_logic::Io| {
+//!         let air = io.is_on("air_ok");
+//!         io.set("chuck_valve", air && io.is_on("chuck_button"));
+//!         if !air {
+//!             io.inhibit();
+//!         }
+//!     })
+//! }
 //! ```
 //!
 //! What is said is JSON, a line each, on standard input and output ([`protocol`]); a program in any other language says the same.

@@ -12,7 +12,8 @@ pub fn judge(rules: &mut Rules<'_>, machine: &Machine) {
         (job, key, f64::from(level), &of_job.processors)
     });
     for (first, next) in jobs.iter().zip(jobs.iter().skip(1)) {
-        if first.0 != Job::Fieldbus || machine.bus.is_some() {
+        let is_ordered = next.0 != Job::Logic;
+        if is_ordered && (first.0 != Job::Fieldbus || machine.bus.is_some()) {
             let (path, low) = (
                 ["processes", first.1, "priority"],
                 format!("the priority of {}", next.1),

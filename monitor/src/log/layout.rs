@@ -296,7 +296,9 @@ mod tests {
         Extent {
             axes: letters.into_iter().chain(others).take(axes).collect(),
             subsamples,
-            signals: vec!["door".into(), "pump".into()],
+            signals: (0..SIGNALS_MAX)
+                .map(|number| format!("s{number}"))
+                .collect(),
         }
     }
 
