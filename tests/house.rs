@@ -301,7 +301,6 @@ fn cell_and_desk_keep_their_budgets_of_lines() {
     let cell: usize = CELL.iter().map(lines).sum();
     let desk: usize = DESK.iter().map(lines).sum();
     println!("cell {cell}, desk {desk}");
-    // 350 for weight and brakes: the block, the plant's, what drives do with them, the bus, the keys.
     assert!(cell <= 66_000, "the cell has {cell} lines of code");
     assert!(desk <= 37_000, "the desk has {desk} lines of code");
 }
