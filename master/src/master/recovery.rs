@@ -1,6 +1,7 @@
 //! After a fault: the machine waits until it can go on, and for the order to.
 
 use bus::sample::{Mode, Roster};
+use bytemuck::Zeroable;
 
 use super::Master;
 use super::axis_unit::AxisUnit;
@@ -36,7 +37,7 @@ impl<D: Drives> Master<D> {
             auxiliary: self.auxiliary.latches(),
             questions: self.auxiliary.questions.latches(),
             homing: self.axes.homing_latches(),
-            ..Latches::default()
+            ..Latches::zeroed()
         };
         self.modes.latch(&mut latches);
         self.program.latch(&mut latches);
