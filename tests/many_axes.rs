@@ -1,4 +1,4 @@
-//! A machine of 32 axes, through real processes: eight with letters, the second motor of a gantry, and 23 that are moved by hand alone.
+//! A machine of 32 axes, through real processes: nine with letters, the second motor of a gantry, and 22 that are moved by hand alone.
 
 use std::fs;
 
@@ -53,19 +53,20 @@ fn machine_of(letters: &[&str], axes: usize) -> Bench {
     bench
 }
 
-const LETTERS: [&str; 9] = ["X", "Y", "Z", "U", "V", "W", "A", "B", "C"];
+const LETTERS: [&str; PATH_AXES] = ["X", "Y", "Z", "U", "V", "W", "A", "B", "C"];
 
-/// Every axis with a letter moves, two of them along an arc.
-const PROGRAM: &str = "G21 G17 G90 G94\nG1 X10 Y0 Z1 U2 V3 W4 A5 B6 F3000\nG3 X10 Y0 I-10 J0 F2000\nG1 X0 Y0 Z0 U0 V0 W0 A0 B0 F4000\nM2\n";
+/// All axes with a letter move at once: on a line, on an arc with seven beside it, and round a corner.
+const PROGRAM: &str = "G21 G17 G90 G94 G61\nG1 X10 Y0 Z1 U2 V3 W4 A5 B6 C7 F3000\nG3 X10 Y0 I-10 J0 Z2 U3 V4 W5 A6 B7 C9 F2000\n\
+                       G64 P0.05\nG1 X5 Y3 Z0 U1 V1 W1 A1 B1 C-1 F4000\nG1 X0 Y0 Z1 U0 V0 W0 A0 B0 C8\nG61\nG1 Z0 C0\nM2\n";
 
 fn mm(feedback: &Feedback, axis: usize) -> f64 {
     feedback.axes[axis].command_position as f64 * 1e-6
 }
 
 #[test]
-fn a_program_moves_eight_of_32_axes_and_one_without_a_letter_is_jogged_meanwhile() {
-    let bench = machine_of(&LETTERS[..PATH_AXES], MAX_AXES);
-    let program = bench.file("eight.ngc", PROGRAM);
+fn a_program_moves_nine_of_32_axes_and_one_without_a_letter_is_jogged_meanwhile() {
+    let bench = machine_of(&LETTERS, MAX_AXES);
+    let program = bench.file("nine.ngc", PROGRAM);
     let checked = quadrant()
         .arg("check")
         .arg(bench.path())
@@ -84,8 +85,8 @@ fn a_program_moves_eight_of_32_axes_and_one_without_a_letter_is_jogged_meanwhile
         .iter()
         .filter_map(|axis| axis["axis"].as_str())
         .collect();
-    assert_eq!(named, names(&LETTERS[..PATH_AXES], MAX_AXES));
-    assert_eq!(text(&report, "/axes/8/gantry/leader"), "X");
+    assert_eq!(named, names(&LETTERS, MAX_AXES));
+    assert_eq!(text(&report, "/axes/9/gantry/leader"), "X");
     // Who was jogged had a following error, and who stood had none to speak of.
     let error_um = |axis: usize| number(&report, &format!("/axes/{axis}/following_error_um/peak"));
     println!("P7 {} µm, P8 {} µm", error_um(P7), error_um(P7 + 1));
@@ -97,9 +98,12 @@ fn a_program_moves_eight_of_32_axes_and_one_without_a_letter_is_jogged_meanwhile
         Ok(Sample::Feedback(feedback)) => Some(*feedback),
         _ => None,
     });
-    let mut last = None;
+    let (mut last, mut before, mut together) = (None, [0; PATH_AXES], 0);
     for feedback in feedbacks {
-        assert_eq!((feedback.axis_count, feedback.path_axes), (32, 8));
+        assert_eq!((feedback.axis_count, feedback.path_axes), (32, 9));
+        let now = feedback.path_positions();
+        together += usize::from(now.iter().zip(&before).all(|(now, before)| now != before));
+        before = now;
         assert_eq!(mm(&feedback, 0), mm(&feedback, SECOND), "{}", feedback.scan);
         let jogged_mm = mm(&feedback, P7);
         assert!((0.0..=7.5).contains(&jogged_mm), "{}", feedback.scan);
@@ -110,6 +114,7 @@ fn a_program_moves_eight_of_32_axes_and_one_without_a_letter_is_jogged_meanwhile
     }
     let last = last.expect("a feedback");
     assert_eq!((last.mode, mm(&last, P7)), (Mode::Finished as u32, 7.5));
+    assert!(together > 1000, "scans in which all nine moved: {together}");
     assert_eq!(
         ended
             .stderr()
@@ -122,8 +127,8 @@ fn a_program_moves_eight_of_32_axes_and_one_without_a_letter_is_jogged_meanwhile
 
 #[test]
 fn a_cell_of_32_axes_stays_up_and_jogs_one_without_a_letter_to_a_place() {
-    let bench = machine_of(&LETTERS[..PATH_AXES], MAX_AXES);
-    let program = bench.file("eight.ngc", PROGRAM).display().to_string();
+    let bench = machine_of(&LETTERS, MAX_AXES);
+    let program = bench.file("nine.ngc", PROGRAM).display().to_string();
     let mut cell = LiveCell::up(bench.path(), "lockstep");
     cell.wait_for(|_| true);
     obeyed(&cell, &["enable"]);
@@ -141,7 +146,7 @@ fn a_cell_of_32_axes_stays_up_and_jogs_one_without_a_letter_to_a_place() {
     }
     let there = obeyed(&cell, &["jog", "P7", "-3", "--to-machine"]);
     assert!(there.contains("is there already"), "{there}");
-    obeyed(&cell, &["mdi", "G0 Z3 B2"]);
+    obeyed(&cell, &["mdi", "G0 Z3 B2 C-1"]);
     obeyed(&cell, &["load", &program]);
     obeyed(&cell, &["start"]);
     cell.wait_for(|f| is(f, Mode::Ready, ProgramState::Done));
@@ -161,7 +166,7 @@ fn a_cell_of_32_axes_stays_up_and_jogs_one_without_a_letter_to_a_place() {
 }
 
 #[test]
-fn a_33rd_axis_and_a_ninth_letter_are_refused_with_what_is_right() {
+fn a_33rd_axis_and_a_tenth_letter_are_refused_with_what_is_right() {
     let refused = |letters: &[&str], axes: usize, words: &str| {
         let bench = machine_of(letters, axes);
         let output = quadrant().arg("check").arg(bench.path()).output();
@@ -170,10 +175,13 @@ fn a_33rd_axis_and_a_ninth_letter_are_refused_with_what_is_right() {
         assert_eq!(output.status.code(), Some(2), "{said}");
         assert!(said.contains(words), "{said}");
     };
-    let eight = &LETTERS[..PATH_AXES];
-    refused(eight, 33, "axis has 33 values: must have 1 to 32");
-    let words = "axis C name = \"C\": is one letter too many: programs move 8 axes; one that is moved by hand alone is called P1 to P31";
-    refused(&LETTERS, 12, words);
+    refused(&LETTERS, 33, "axis has 33 values: must have 1 to 32");
+    let tenth = ["X", "Y", "Z", "U", "V", "W", "A", "B", "C", "D"];
+    refused(
+        &tenth,
+        12,
+        "axis D name: unknown variant `D`, expected one of `X`, `Y`",
+    );
     let words = "axis Y name must come before the second motors and the axes without a letter";
     refused(&["X", "P20", "Y"], 5, words);
     refused(

@@ -1,4 +1,4 @@
-//! The log: nothing is lost with as many axes as a cell can have, what was recorded survives whoever is killed, and the tools of
+//! The log: nothing is lost with as many axes as a program can move, what was recorded survives whoever is killed, and the tools of
 //! others read the same from it.
 
 use std::fs;
@@ -6,17 +6,18 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Duration;
 
+use bus::sample::PATH_AXES;
 use serde_json::Value;
 
 use crate::support::{
     Bench, LiveCell, Run, circle_program, long_program, number, quadrant, root, run, send, text,
 };
 
-/// All the axes that a cell can have.
-const LETTERS: [&str; 8] = ["X", "Y", "Z", "A", "B", "C", "U", "V"];
+/// All the axes that a program can move.
+const LETTERS: [&str; PATH_AXES] = ["X", "Y", "Z", "A", "B", "C", "U", "V", "W"];
 
-/// A machine of eight slides, made of those of `xy` in turn; its watchdog waits as long as a busy PC needs.
-fn eight_axes() -> Bench {
+/// A machine of nine slides, made of those of `xy` in turn; its watchdog waits as long as a busy PC needs.
+fn nine_axes() -> Bench {
     let bench = Bench::patient("xy", &[]);
     for name in ["machine.toml", "plant.toml"] {
         let file = bench.path().join(name);
@@ -38,7 +39,7 @@ fn eight_axes() -> Bench {
 
 /// Every axis moves, there and back, as often as that; 1.3 s each time.
 fn all_axes_move(times: usize) -> String {
-    let once = "G1 X20 Y15 Z12 A20 B-15 C10 U12 V-14\nG1 X0 Y0 Z0 A0 B0 C0 U0 V0\n";
+    let once = "G1 X20 Y15 Z12 A20 B-15 C10 U12 V-14 W13\nG1 X0 Y0 Z0 A0 B0 C0 U0 V0 W0\n";
     format!("G21 G17 G90 G94 F4000\n{}M2\n", once.repeat(times))
 }
 
@@ -47,15 +48,15 @@ fn lost_nothing(report: &Value) {
     assert_eq!(text(report, "/outcome/kind"), "completed");
     assert_eq!(
         report.pointer("/axes").map(|a| a.as_array().map(Vec::len)),
-        Some(Some(8))
+        Some(Some(PATH_AXES))
     );
     assert_eq!(number(report, "/samples_lost"), 0.0, "{report}");
     assert_eq!(number(report, "/log/queue_losses"), 0.0, "{report}");
 }
 
 #[test]
-fn eight_axes_are_recorded_without_loss_in_lockstep() {
-    let bench = eight_axes();
+fn nine_axes_are_recorded_without_loss_in_lockstep() {
+    let bench = nine_axes();
     let program = bench.file("all.ngc", &all_axes_move(3));
     let run = run(bench.path(), &program);
     lost_nothing(&run.good_report());
@@ -63,8 +64,8 @@ fn eight_axes_are_recorded_without_loss_in_lockstep() {
 
 /// Servos may miss scans on a PC that is not made for this; the recorder reports it and misses nothing itself.
 #[test]
-fn eight_axes_at_1_ms_are_recorded_without_loss_in_realtime() {
-    let bench = eight_axes();
+fn nine_axes_at_1_ms_are_recorded_without_loss_in_realtime() {
+    let bench = nine_axes();
     let program = bench.file("all.ngc", &all_axes_move(4));
     let cell = LiveCell::start(bench.path(), &program, "realtime");
     let report = cell.finish().good_report();

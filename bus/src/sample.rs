@@ -25,7 +25,7 @@ mod signals;
 pub const MAX_AXES: usize = 32;
 /// The most of them that a program can move: the first ones, each with a letter. Arrays of so many are by place on the path, which is
 /// the index of such an axis; `path::geometry::PATH_AXES` is the same number.
-pub const PATH_AXES: usize = 8;
+pub const PATH_AXES: usize = 9;
 /// The most processes a roster can name: two servos for each axis, and the others.
 pub const MAX_PARTICIPANTS: usize = 2 * MAX_AXES + 8;
 /// The most instrument samples within one scan (one every 250 µs, scans of at most 2 ms).
@@ -96,7 +96,7 @@ impl PathTag {
 
 /// One scan of a window.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
-#[type_name("quadrant/Setpoint/1")]
+#[type_name("quadrant/Setpoint/2")]
 #[repr(C)]
 pub struct Setpoint {
     /// Position of every axis of the path, in increments; second motors of gantries go by the position of their axis.
@@ -442,7 +442,7 @@ impl Hand {
 
 /// What the master says each scan.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend)]
-#[type_name("quadrant/Feedback/12")]
+#[type_name("quadrant/Feedback/13")]
 #[repr(C)]
 pub struct Feedback {
     /// Number of the scan that begins with this sample.

@@ -128,7 +128,7 @@ assert ctypes.sizeof(Levels) == 112
 
 
 class Auxiliaries(ctypes.Structure):
-    """248 bytes."""
+    """256 bytes."""
 
     _fields_ = [
         ("levels", Levels),  # at 0
@@ -147,35 +147,35 @@ class Auxiliaries(ctypes.Structure):
         ("start_line", c_uint32),  # at 172
         ("tool_offset_of", c_uint32),  # at 176
         ("modes_of_run", c_uint32),  # at 180
-        ("tool_offset", c_double * 8),  # at 184
+        ("tool_offset", c_double * 9),  # at 184
     ]
 
     @staticmethod
     def type_name() -> str:
-        return "quadrant/Auxiliaries/6"
+        return "quadrant/Auxiliaries/7"
 
 
-assert ctypes.sizeof(Auxiliaries) == 248
+assert ctypes.sizeof(Auxiliaries) == 256
 
 
 class Answer(ctypes.Structure):
-    """152 bytes."""
+    """168 bytes."""
 
     _fields_ = [
         ("value", c_double),  # at 0
         ("scan", c_uint64),  # at 8
-        ("tripped", c_int64 * 8),  # at 16
-        ("rests", c_int64 * 8),  # at 80
-        ("number", c_uint32),  # at 144
-        ("outcome", c_uint32),  # at 148
+        ("tripped", c_int64 * 9),  # at 16
+        ("rests", c_int64 * 9),  # at 88
+        ("number", c_uint32),  # at 160
+        ("outcome", c_uint32),  # at 164
     ]
 
     @staticmethod
     def type_name() -> str:
-        return "quadrant/Answer/1"
+        return "quadrant/Answer/2"
 
 
-assert ctypes.sizeof(Answer) == 152
+assert ctypes.sizeof(Answer) == 168
 
 
 class Inputs(ctypes.Structure):
@@ -197,7 +197,7 @@ assert ctypes.sizeof(Inputs) == 80
 
 
 class Feedback(ctypes.Structure):
-    """7184 bytes."""
+    """7216 bytes."""
 
     _fields_ = [
         ("scan", c_uint64),  # at 0
@@ -209,39 +209,39 @@ class Feedback(ctypes.Structure):
         ("tag", PathTag),  # at 72
         ("interrupted_at", PathTag),  # at 88
         ("cause_scan", c_uint64),  # at 104
-        ("program_start", c_int64 * 8),  # at 112
-        ("setpoint", c_uint32),  # at 176
-        ("at_rest", c_uint32),  # at 180
-        ("epoch", c_uint32),  # at 184
-        ("incarnation", c_uint32),  # at 188
-        ("mode", c_uint32),  # at 192
-        ("cause", c_uint32),  # at 196
-        ("cause_axis", c_uint32),  # at 200
-        ("override_percent", c_uint32),  # at 204
-        ("hold", c_uint32),  # at 208
-        ("last", c_uint32),  # at 212
-        ("overrun_scans", c_uint32),  # at 216
-        ("axis_count", c_uint32),  # at 220
-        ("load", c_uint32),  # at 224
-        ("program", c_uint32),  # at 228
-        ("run", c_uint32),  # at 232
-        ("messages", c_uint32),  # at 236
-        ("rested", c_uint32),  # at 240
-        ("path_axes", c_uint32),  # at 244
-        ("ended", EndedRun),  # at 248
-        ("auxiliary", Auxiliaries),  # at 296
-        ("answer", Answer),  # at 544
-        ("inputs", Inputs),  # at 696
-        ("axes", AxisFeedback * 32),  # at 776
-        ("checksum", c_uint64),  # at 7176
+        ("program_start", c_int64 * 9),  # at 112
+        ("setpoint", c_uint32),  # at 184
+        ("at_rest", c_uint32),  # at 188
+        ("epoch", c_uint32),  # at 192
+        ("incarnation", c_uint32),  # at 196
+        ("mode", c_uint32),  # at 200
+        ("cause", c_uint32),  # at 204
+        ("cause_axis", c_uint32),  # at 208
+        ("override_percent", c_uint32),  # at 212
+        ("hold", c_uint32),  # at 216
+        ("last", c_uint32),  # at 220
+        ("overrun_scans", c_uint32),  # at 224
+        ("axis_count", c_uint32),  # at 228
+        ("load", c_uint32),  # at 232
+        ("program", c_uint32),  # at 236
+        ("run", c_uint32),  # at 240
+        ("messages", c_uint32),  # at 244
+        ("rested", c_uint32),  # at 248
+        ("path_axes", c_uint32),  # at 252
+        ("ended", EndedRun),  # at 256
+        ("auxiliary", Auxiliaries),  # at 304
+        ("answer", Answer),  # at 560
+        ("inputs", Inputs),  # at 728
+        ("axes", AxisFeedback * 32),  # at 808
+        ("checksum", c_uint64),  # at 7208
     ]
 
     @staticmethod
     def type_name() -> str:
-        return "quadrant/Feedback/12"
+        return "quadrant/Feedback/13"
 
 
-assert ctypes.sizeof(Feedback) == 7184
+assert ctypes.sizeof(Feedback) == 7216
 
 
 class Instruments(ctypes.Structure):

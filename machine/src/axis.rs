@@ -1,6 +1,6 @@
 //! `[[axis]]`: one axis of the machine.
 
-use bus::sample::MAX_AXES;
+use bus::sample::{MAX_AXES, PATH_AXES};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -18,7 +18,7 @@ use crate::weight::{Brake, BrakeBy, Gravity};
 /// One axis.
 #[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
 pub struct Axis {
-    /// Its letter in part programs: up to 8 axes have one, and come first in the file. The second motor of a gantry has the letter of its
+    /// Its letter in part programs: up to 9 axes have one, and come first in the file. The second motor of a gantry has the letter of its
     /// axis with a 2 behind it. Axes that no program moves are called P1 to P31: they are moved [by hand](../howto/by-hand.md).
     #[schemars(extend("enum" = axis_names()))]
     pub name: String,
@@ -163,8 +163,8 @@ pub(crate) const ENDLESS_DEG: f64 = 100_000.0 * TURN_DEG;
 /// Share of the travel that a search may take where the file does not say.
 const SEARCH_SHARE: f64 = 1.1;
 
-/// Letters that axes have in programs.
-const LETTERS: [&str; 9] = ["X", "Y", "Z", "A", "B", "C", "U", "V", "W"];
+/// Letters that axes have in programs: as many as there can be axes on a path.
+const LETTERS: [&str; PATH_AXES] = ["X", "Y", "Z", "A", "B", "C", "U", "V", "W"];
 
 /// What an axis can be called.
 pub fn axis_names() -> Vec<String> {

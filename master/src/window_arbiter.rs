@@ -116,11 +116,10 @@ impl WindowArbiter {
 
     /// Where the path was left, its program, and the epoch: what outlives this master.
     pub fn left(&self, scan: u64) -> Left {
-        let mut feedback = Feedback::zeroed();
-        self.tell(scan, &mut feedback);
+        let (tag, program_hash) = self.left_at(self.in_force.tag(self.in_force(scan).1));
         Left {
-            tag: feedback.interrupted_at,
-            program_hash: feedback.program_hash,
+            tag,
+            program_hash,
             epoch: self.epoch,
             reserved: 0,
         }
@@ -202,15 +201,7 @@ impl WindowArbiter {
         feedback.setpoint = setpoint;
         let tag = self.in_force.tag(setpoint);
         feedback.tag = tag.unwrap_or(self.shown);
-        feedback.interrupted_at = match tag {
-            Some(tag) if !tag.is_off_path() => tag,
-            _ => self.interrupted_at,
-        };
-        feedback.program_hash = if self.in_force.is_none() {
-            self.left_program
-        } else {
-            self.in_force.header.program_hash
-        };
+        (feedback.interrupted_at, feedback.program_hash) = self.left_at(tag);
         feedback.at_rest = u32::from(self.at_rest(scan));
         feedback.armed = if self.armed {
             self.pending.header.id
@@ -219,6 +210,17 @@ impl WindowArbiter {
         };
         feedback.voided = self.voided;
         feedback.epoch = self.epoch;
+    }
+
+    /// The place where the path is left, for this one in the window in force, and its program.
+    fn left_at(&self, tag: Option<PathTag>) -> (PathTag, u64) {
+        let program_hash = if self.in_force.is_none() {
+            self.left_program
+        } else {
+            self.in_force.header.program_hash
+        };
+        let on_path = tag.filter(|tag| !tag.is_off_path());
+        (on_path.unwrap_or(self.interrupted_at), program_hash)
     }
 
     /// A window came in from the planner of this incarnation. A second one while one is pending is void at once, and

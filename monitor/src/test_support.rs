@@ -171,7 +171,7 @@ impl SyntheticRun {
             + (spoke - u * x - v * y)
     }
 
-    fn increments(&self, time_s: f64) -> [i64; 8] {
+    fn increments(&self, time_s: f64) -> [i64; PATH_AXES] {
         let point = self.command(time_s);
         std::array::from_fn(|axis| (point[axis] * 1e6).round() as i64)
     }

@@ -16,8 +16,8 @@ use nalgebra::SVector;
 
 pub use correction::{Correction, CubicPiece};
 
-/// The most axes that a path moves. More in a vector would cost every step of planning; a cell may have other axes beside these.
-pub const PATH_AXES: usize = 8;
+/// The most axes that a path moves: one for each letter. A cell may have other axes beside these.
+pub const PATH_AXES: usize = 9;
 
 /// One value per axis, in axis units (mm for slides, degrees for rotary axes); unused axes are zero.
 pub type AxisVector = SVector<f64, PATH_AXES>;
@@ -123,6 +123,11 @@ pub struct Element {
 pub struct Path {
     /// In order of travel; each starts exactly where the one before ends.
     pub elements: Vec<Element>,
+}
+
+/// A vector of the first axes alone.
+pub(crate) fn first_axes<const AXES: usize>(vector: &AxisVector) -> SVector<f64, AXES> {
+    vector.fixed_rows::<AXES>(0).into_owned()
 }
 
 /// The unit vector of one axis; zero for an index no cell has.
@@ -296,24 +301,33 @@ impl Element {
     /// The point `distance_mm` along it, rounded if it is. Unrounded, at and before 0 this is the stored start, at and beyond its
     /// length the stored end, to the bit.
     pub fn point(&self, distance_mm: f64) -> AxisVector {
-        let programmed = self.programmed_point(distance_mm);
-        match &self.rounding {
-            Some(correction) => {
-                programmed + correction.value_at(distance_mm.clamp(0.0, self.length_mm))
-            }
+        self.first_at(distance_mm)
+    }
+
+    /// The same of the first axes alone, to the bit.
+    pub(crate) fn first_at<const AXES: usize>(&self, distance_mm: f64) -> SVector<f64, AXES> {
+        let programmed = self.first_programmed(distance_mm);
+        let distance_mm = distance_mm.clamp(0.0, self.length_mm);
+        let correction = self.rounding.as_ref();
+        match correction.and_then(|correction| correction.piece_at(distance_mm)) {
+            Some(piece) => programmed + piece.first_axes().value_at(distance_mm),
             None => programmed,
         }
     }
 
     /// The point `distance_mm` along it as it is programmed.
     pub fn programmed_point(&self, distance_mm: f64) -> AxisVector {
+        self.first_programmed(distance_mm)
+    }
+
+    fn first_programmed<const AXES: usize>(&self, distance_mm: f64) -> SVector<f64, AXES> {
         if distance_mm <= 0.0 {
-            return self.start();
+            return first_axes(&self.start());
         }
         if distance_mm >= self.length_mm {
-            return self.end();
+            return first_axes(&self.end());
         }
-        self.shape.at_share(distance_mm / self.length_mm)
+        self.shape.first_at_share(distance_mm / self.length_mm)
     }
 
     fn added(&self, correction: &Correction, distance_mm: f64) -> [AxisVector; 2] {

@@ -1,5 +1,6 @@
 //! What the axes may do, and how much of it a plan may use so that setpoints of whole increments stay within it.
 
+use nalgebra::SVector;
 use thiserror::Error;
 
 use crate::geometry::{AxisVector, PATH_AXES};
@@ -186,6 +187,14 @@ impl MotionLimits {
 
     /// The whole increments nearest to a position; 0 for unused axes.
     pub fn increments(&self, position: &AxisVector) -> [i64; PATH_AXES] {
+        self.first_increments(position)
+    }
+
+    /// The same where the first axes are all that there are.
+    pub(crate) fn first_increments<const AXES: usize>(
+        &self,
+        position: &SVector<f64, AXES>,
+    ) -> [i64; PATH_AXES] {
         let mut increments = [0; PATH_AXES];
         for ((of_axis, component), axis) in increments.iter_mut().zip(position).zip(&self.axes) {
             *of_axis = nearest(component / axis.increment_mm);
@@ -350,7 +359,7 @@ mod tests {
         position[1] = 5.0;
         assert_eq!(
             limits.increments(&position),
-            [1_000_001, 0, 0, 0, 0, 0, 0, 0]
+            [1_000_001, 0, 0, 0, 0, 0, 0, 0, 0]
         );
     }
 }

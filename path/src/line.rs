@@ -186,8 +186,8 @@ mod tests {
     proptest! {
         #[test]
         fn the_closed_form_is_the_accumulating_form_whatever_the_steps(
-            from in prop::array::uniform8(-5_000_000_000i64..5_000_000_000),
-            travel in prop::array::uniform8(any_travel()),
+            from in prop::array::uniform9(-5_000_000_000i64..5_000_000_000),
+            travel in prop::array::uniform9(any_travel()),
             shares in prop::collection::vec(-0.2..1.0f64, 1..40),
         ) {
             let mut to = from;

@@ -192,11 +192,6 @@ pub(crate) fn is_rounded(element: &Element) -> bool {
     element.tolerance.corner_mm > 0.0 && element.feed != Feed::Rapid
 }
 
-/// A vector of the first axes alone.
-fn of_first<const AXES: usize>(vector: &AxisVector) -> SVector<f64, AXES> {
-    vector.fixed_rows::<AXES>(0).into_owned()
-}
-
 /// A vector of all axes, where the others have nothing.
 fn of_all<const AXES: usize>(vector: &SVector<f64, AXES>) -> AxisVector {
     let mut all = AxisVector::zeros();

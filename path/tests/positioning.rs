@@ -156,7 +156,10 @@ fn the_rest_after_each_rapid_is_what_the_program_has() {
         move_of(&planner, 5).rest_s[1],
         time_s(6) + 0.6 + 0.25 + time_s(9),
     );
-    assert_eq!(move_of(&planner, 9).rest_s, [0.0; 8]);
+    assert_eq!(
+        move_of(&planner, 9).rest_s,
+        [0.0; path::geometry::PATH_AXES]
+    );
     // The same distance up and down, but less rest after it: it must take longer.
     assert!(time_s(9) > time_s(4));
 }

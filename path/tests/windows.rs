@@ -4,7 +4,7 @@ use std::ops::ControlFlow;
 
 use audit::SetpointAudit;
 use audit::{ProgramWalk, Totals};
-use path::geometry::{AxisVector, Element, Feed, Path, PathTolerance};
+use path::geometry::{AxisVector, Element, Feed, PATH_AXES, Path, PathTolerance};
 use path::kinematics::Kinematics;
 use path::limits::{AxisLimits, MotionLimits};
 use path::path_part::PathPart;
@@ -656,7 +656,7 @@ fn an_arm_goes_there_and_back_on_an_arc_of_a_micrometre() {
     any_run(elements_of(&blocks), &[], limits, 8, 900, None).unwrap();
 }
 
-fn increments_of(position: &AxisVector) -> [i64; 8] {
+fn increments_of(position: &AxisVector) -> [i64; PATH_AXES] {
     limits(1e-3).increments(position)
 }
 
@@ -978,19 +978,21 @@ fn the_audit_sees_a_row_one_increment_over_a_limit() {
         jerk_mm_s3: f64::INFINITY,
         increment_mm: 1e-6,
     };
-    let mut audit = SetpointAudit::at_rest(MotionLimits::new(&[slide], 1e-3).unwrap(), [0; 8]);
-    assert!(audit.setpoint(&[1000, 0, 0, 0, 0, 0, 0, 0]).is_ok());
-    assert!(audit.setpoint(&[2001, 0, 0, 0, 0, 0, 0, 0]).is_err());
-    let mut audit = SetpointAudit::at_rest(MotionLimits::new(&[slide], 1e-3).unwrap(), [0; 8]);
-    assert!(audit.setpoint(&[600, 0, 0, 0, 0, 0, 0, 0]).is_ok());
-    assert!(audit.setpoint(&[-401, 0, 0, 0, 0, 0, 0, 0]).is_err());
+    let mut audit =
+        SetpointAudit::at_rest(MotionLimits::new(&[slide], 1e-3).unwrap(), [0; PATH_AXES]);
+    assert!(audit.setpoint(&[1000, 0, 0, 0, 0, 0, 0, 0, 0]).is_ok());
+    assert!(audit.setpoint(&[2001, 0, 0, 0, 0, 0, 0, 0, 0]).is_err());
+    let mut audit =
+        SetpointAudit::at_rest(MotionLimits::new(&[slide], 1e-3).unwrap(), [0; PATH_AXES]);
+    assert!(audit.setpoint(&[600, 0, 0, 0, 0, 0, 0, 0, 0]).is_ok());
+    assert!(audit.setpoint(&[-401, 0, 0, 0, 0, 0, 0, 0, 0]).is_err());
     let path = Path {
         elements: vec![Element::line(1, at(&[]), at(&[10.0]), FEED)],
     };
     let limits = MotionLimits::new(&[slide], 1e-3).unwrap();
     let path = PathPart::whole(&path, &limits, 1.0).unwrap();
-    let mut audit = SetpointAudit::at_rest(limits, [500; 8]);
-    audit.setpoint(&[500; 8]).unwrap();
+    let mut audit = SetpointAudit::at_rest(limits, [500; PATH_AXES]);
+    audit.setpoint(&[500; PATH_AXES]).unwrap();
     assert!(audit.place(&path, 0, 500.9e-6).is_ok());
     assert!(audit.place(&path, 0, 501.1e-6).is_err());
     assert!(audit.place(&path, 1, 0.0).is_err());

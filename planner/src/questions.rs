@@ -91,8 +91,8 @@ mod tests {
         feedback.answer = Answer {
             value: 0.5,
             scan: 77,
-            tripped: [1_000, -2_000, 3_000, 0, 0, 0, 0, 0],
-            rests: [1_500, -2_000, 3_000, 0, 0, 0, 0, 0],
+            tripped: [1_000, -2_000, 3_000, 0, 0, 0, 0, 0, 0],
+            rests: [1_500, -2_000, 3_000, 0, 0, 0, 0, 0, 0],
             number: 4,
             outcome: outcome as u32,
         };

@@ -129,14 +129,14 @@ mod tests {
         let machines = FilePath::new(env!("CARGO_MANIFEST_DIR")).join("../machines/xy");
         let mut machine = Machine::load(&machines).unwrap();
         machine.program.work_offset_mm.clear();
-        let whole = load_if_short(&machine, &[0; 8], &file, 9000, &[])
+        let whole = load_if_short(&machine, &[0; bus::sample::PATH_AXES], &file, 9000, &[])
             .unwrap()
             .unwrap();
         assert_eq!(
-            load_if_short(&machine, &[0; 8], &file, 8000, &[]).unwrap(),
+            load_if_short(&machine, &[0; bus::sample::PATH_AXES], &file, 8000, &[]).unwrap(),
             None
         );
-        let mut along = Along::open(&machine, &[0; 8], &file, &[]).unwrap();
+        let mut along = Along::open(&machine, &[0; bus::sample::PATH_AXES], &file, &[]).unwrap();
         for element in (0..9000u32).step_by(37) {
             let (near, first) = along.near(element);
             assert!(near.elements.len() < 1000);

@@ -141,7 +141,7 @@ mod tests {
         std::fs::write(&file, text).unwrap();
         let machine = FilePath::new(env!("CARGO_MANIFEST_DIR")).join("../machines/xyz-mill");
         let machine = Machine::load(&machine).unwrap();
-        let modes = Modes::of(&machine, &[0; 8], &file).unwrap();
+        let modes = Modes::of(&machine, &[0; bus::sample::PATH_AXES], &file).unwrap();
         let feeds = [0, 1].map(|element| modes.at(element).unwrap().feed);
         assert_eq!(feeds, [Some(250.0), Some(2000.0)]);
     }
@@ -155,7 +155,7 @@ mod tests {
         let machine = FilePath::new(env!("CARGO_MANIFEST_DIR")).join("../machines/xy");
         let mut machine = Machine::load(&machine).unwrap();
         machine.program.work_offset_mm.clear();
-        let modes = Modes::of(&machine, &[0; 8], &file).unwrap();
+        let modes = Modes::of(&machine, &[0; bus::sample::PATH_AXES], &file).unwrap();
         let codes = |element| modes.at(element).unwrap().codes.join(" ");
         assert!(
             codes(0).starts_with("G0 G17 G21 G40 G49 G54"),

@@ -331,7 +331,10 @@ pub fn source_hash(text: TextHash, setup: &Setup, start: &AxisVector) -> u64 {
         hash.update(&axis.travel_max.to_bits().to_le_bytes());
         hash.update(&[u8::from(axis.rotary) | u8::from(axis.modulo) << 1]);
     }
-    for component in setup.work_offset.iter().chain(start.iter()) {
+    // Of eight axes at least: so a program keeps the name that it had before there were nine, and with it what was learned of it.
+    let places = setup.axes.len().max(8);
+    let components = setup.work_offset.iter().take(places);
+    for component in components.chain(start.iter().take(places)) {
         hash.update(&component.to_bits().to_le_bytes());
     }
     for tool in &setup.tools {

@@ -146,7 +146,7 @@ pub fn check_setup(name: &str, setup: &Setup, start: &AxisVector) -> Result<(), 
     let axes = setup.axes.as_slice();
     if axes.is_empty() || axes.len() > PATH_AXES {
         let found = format!("machine with {} axes", axes.len());
-        return refuse_file(name, found, "1 to 8 axes");
+        return refuse_file(name, found, "1 to 9 axes");
     }
     for (axis, before) in axes.iter().zip(0..) {
         let taken = setup.axis_index(axis.letter) != Some(before);

@@ -222,7 +222,7 @@ impl Waiting {
 
 /// What the master says of spindle, coolant, outputs, tool and stops.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
-#[type_name("quadrant/Auxiliaries/6")]
+#[type_name("quadrant/Auxiliaries/7")]
 #[repr(C)]
 pub struct Auxiliaries {
     /// Commanded in this scan.

@@ -95,7 +95,7 @@ wire_enum! {
 
 /// The answer to what the program asked last. It stays until the program asks again.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable, ZeroCopySend)]
-#[type_name("quadrant/Answer/1")]
+#[type_name("quadrant/Answer/2")]
 #[repr(C)]
 pub struct Answer {
     /// Of an input: what it showed. Of a probe: when it tripped, as a share of the scan.

@@ -9,7 +9,7 @@ use machine::machine_file;
 use toml_edit::{ArrayOfTables, DocumentMut, value};
 
 /// Letters in the order in which axes get them; those behind are moved by hand alone.
-const LETTERS: [&str; PATH_AXES] = ["X", "Y", "Z", "U", "V", "W", "A", "B"];
+const LETTERS: [&str; PATH_AXES] = ["X", "Y", "Z", "U", "V", "W", "A", "B", "C"];
 /// The program that those run that have two axes or more.
 const CIRCLES: &str = "programs/circle-r25-f3000.ngc";
 /// The same time of machine with one axis.
@@ -111,12 +111,12 @@ mod tests {
     fn copies_of_axes_make_a_machine_with_names_of_their_own() {
         let folder = tempfile::tempdir().expect("a folder");
         let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("../machines/xy");
-        for axes in [1, 2, 3, 8, 9, 32] {
+        for axes in [1, 2, 3, 8, 9, 10, 32] {
             let made = of_axes(&source, axes, folder.path()).expect("a machine");
             let made = Machine::load(&made.folder).expect("a machine file");
             let named: Vec<&str> = made.axes.iter().map(|axis| axis.name.as_str()).collect();
             assert!(names(axes).eq(named.iter().copied()), "{named:?}");
-            assert_eq!(made.program_axes().len(), axes.min(8));
+            assert_eq!(made.program_axes().len(), axes.min(PATH_AXES));
             let plant = folder.path().join(format!("axes-{axes}/plant.toml"));
             let plant = PlantFile::load(&plant).expect("a plant file");
             let drives = plant.drives(&made).expect("drives");
@@ -125,7 +125,7 @@ mod tests {
             assert!(state <= MACHINE_STATE_BYTES, "{axes} axes: {state} bytes");
         }
         let own = Machine::load(&source).expect("xy");
-        let copied = Machine::load(&folder.path().join("axes-8")).expect("of eight axes");
+        let copied = Machine::load(&folder.path().join("axes-9")).expect("of nine axes");
         assert_eq!(
             own.axes[1].position_loop.gain_per_s,
             copied.axes[3].position_loop.gain_per_s

@@ -62,7 +62,7 @@ pub fn round(seeds: std::ops::Range<u64>, kinds: Kinds, progress: bool) -> Round
         let Some((seed, file, text)) = waiting.pop_front() else {
             break;
         };
-        let mine = ours::run(&file, &text);
+        let mine = ours::run(&file);
         let (trace, crashed) = theirs.finish_or_crash();
         if crashed {
             // Those that were handed over are lost with it.

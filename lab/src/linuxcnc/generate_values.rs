@@ -223,7 +223,7 @@ impl Generator {
 
     pub(super) fn axis_words(&mut self, least: usize) -> String {
         let letters = if self.draw.once_in(6) {
-            "XYZABCUV"
+            "XYZABCUVW"
         } else {
             "XYZ"
         };

@@ -158,6 +158,5 @@ fn show(file: &Path) {
         Err(why) => println!("{whose} refused: {why}"),
     };
     print("theirs", theirs::Theirs::start().run(file));
-    let text = std::fs::read(file).unwrap_or_default();
-    print("ours  ", ours::run(file, &String::from_utf8_lossy(&text)));
+    print("ours  ", ours::run(file));
 }

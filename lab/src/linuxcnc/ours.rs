@@ -15,23 +15,11 @@ static TOOLS: LazyLock<Vec<Tool>> = LazyLock::new(|| {
     parse_tools("tools.tbl", &text).expect("a tool table")
 });
 
-/// A machine with eight axes: all of a [`Place`] but the one that the program needs least.
-pub fn setup(text: &str) -> Setup {
-    let upper = text.to_ascii_uppercase();
-    let used = |letter: char| {
-        let mut parts = upper.split(letter).skip(1);
-        parts.any(|rest| {
-            rest.trim_start()
-                .starts_with(|next: char| next.is_ascii_digit() || "+-.[#".contains(next))
-        })
-    };
-    let left_out = "WVUCBA"
-        .chars()
-        .find(|letter| !used(*letter))
-        .unwrap_or('W');
-    let axes = LETTERS.chars().filter(|letter| *letter != left_out);
+/// A machine with all axes of a [`Place`].
+pub fn setup() -> Setup {
     Setup {
-        axes: axes
+        axes: LETTERS
+            .chars()
             .map(|letter| AxisSetup {
                 letter,
                 travel_min: -1e9,
@@ -47,8 +35,8 @@ pub fn setup(text: &str) -> Setup {
 }
 
 /// What we make of a program.
-pub fn run(file: &Path, text: &str) -> Trace {
-    let setup = setup(text);
+pub fn run(file: &Path) -> Trace {
+    let setup = setup();
     let result = std::panic::catch_unwind(|| program::load(file, &setup, AxisVector::zeros()));
     match result {
         // Theirs ends with an error, and the text of it.

@@ -22,7 +22,7 @@ pub fn run() {
     ] {
         let file = folder.join("speed.ngc");
         std::fs::write(&file, &text).expect("the program");
-        let setup = ours::setup(&text);
+        let setup = ours::setup();
         let (mut best_ours, mut best_theirs) = (f64::INFINITY, f64::INFINITY);
         for _ in 0..ROUNDS {
             let begun = Instant::now();

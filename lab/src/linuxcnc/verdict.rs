@@ -44,9 +44,8 @@ impl fmt::Display for Verdict {
 
 /// Runs a file through both.
 pub fn judge(theirs: &mut Theirs, file: &Path) -> Judged {
-    let text = std::fs::read(file).unwrap_or_default();
     theirs.begin(file);
-    let mine = ours::run(file, &String::from_utf8_lossy(&text));
+    let mine = ours::run(file);
     compared(theirs.finish(), mine)
 }
 

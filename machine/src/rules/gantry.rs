@@ -1,7 +1,5 @@
 //! Rules of `[axis.gantry]`: a second motor has a leader, and can follow all that its leader does.
 
-use bus::sample::PATH_AXES;
-
 use crate::axis::{Axis, Changeover, is_letter};
 use crate::gantry::{Gantry, SECOND_MOTOR};
 use crate::homing::HomingMethod;
@@ -18,17 +16,10 @@ pub fn judge(rules: &mut Rules<'_>, machine: &Machine, index: usize, axis: &Axis
             );
             rules.say(&["name"], at, &what);
         }
-        let before = || machine.axes.iter().take(index);
-        if axis.has_letter() && !before().all(Axis::has_letter) {
+        let mut before = machine.axes.iter().take(index);
+        if axis.has_letter() && !before.all(Axis::has_letter) {
             let what = "must come before the second motors and the axes without a letter: those that programs name are first";
             rules.say(&["name"], at, what);
-        }
-        if axis.has_letter() && before().filter(|axis| axis.has_letter()).count() == PATH_AXES {
-            let what = format!(
-                "= {:?}: is one letter too many: programs move {PATH_AXES} axes; one that is moved by hand alone is called P1 to P31",
-                axis.name
-            );
-            rules.say(&["name"], at, &what);
         }
         return;
     };

@@ -1,6 +1,7 @@
 //! After a fault: the machine waits until it can go on, and for the order to.
 
 use bus::sample::{Mode, Roster};
+use bytemuck::Zeroable;
 
 use super::Master;
 use super::axis_unit::AxisUnit;
@@ -38,7 +39,7 @@ impl<D: Drives> Master<D> {
             questions: self.auxiliary.questions.latches(),
             homing: self.axes.homing_latches(),
             signals: self.signals.latches(),
-            ..Latches::default()
+            ..Latches::zeroed()
         };
         self.modes.latch(&mut latches);
         self.program.latch(&mut latches);

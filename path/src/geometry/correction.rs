@@ -2,7 +2,7 @@
 
 use nalgebra::SVector;
 
-use super::{AxisVector, PATH_AXES};
+use super::{AxisVector, PATH_AXES, first_axes};
 
 /// A cubic from a place on.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -11,6 +11,16 @@ pub struct CubicPiece<const AXES: usize = PATH_AXES> {
     pub from_mm: f64,
     /// What is added there, and its first, second and third derivative with respect to the distance.
     pub derivatives: [SVector<f64, AXES>; 4],
+}
+
+impl CubicPiece {
+    /// That of the first axes alone.
+    pub(super) fn first_axes<const AXES: usize>(&self) -> CubicPiece<AXES> {
+        CubicPiece {
+            from_mm: self.from_mm,
+            derivatives: self.derivatives.each_ref().map(first_axes),
+        }
+    }
 }
 
 impl<const AXES: usize> CubicPiece<AXES> {

@@ -21,14 +21,22 @@ impl Shape {
 
     /// The point at a share of the way, from 0 to 1; at the ends to the bit.
     pub fn at_share(&self, share: f64) -> AxisVector {
+        self.first_at_share(share)
+    }
+
+    /// The same of the first axes alone, to the bit.
+    pub(super) fn first_at_share<const AXES: usize>(&self, share: f64) -> SVector<f64, AXES> {
         if share <= 0.0 {
-            return self.start();
+            return first_axes(&self.start());
         }
         if share >= 1.0 {
-            return self.end();
+            return first_axes(&self.end());
         }
         match self {
-            Shape::Line { from, to } => from + (to - from) * share,
+            Shape::Line { from, to } => {
+                let [from, to]: [SVector<f64, AXES>; 2] = [from, to].map(first_axes);
+                from + (to - from) * share
+            }
             Shape::Arc {
                 centre,
                 radius_mm,
@@ -40,12 +48,14 @@ impl Shape {
                 ..
             } => {
                 let angle_rad = start_angle_rad + sweep_rad * share;
+                let [centre, u, v, axial]: [SVector<f64, AXES>; 4] =
+                    [centre, u, v, axial].map(first_axes);
                 centre
                     + u * (radius_mm * libm::cos(angle_rad))
                     + v * (radius_mm * libm::sin(angle_rad))
                     + axial * share
             }
-            Shape::Dwell { at, .. } => *at,
+            Shape::Dwell { at, .. } => first_axes(at),
         }
     }
 

@@ -76,7 +76,7 @@ fn a_helix_counts_its_rise_in_its_length() {
 
 #[test]
 fn rotary_axes_count_in_degrees_only_when_no_slide_moves() {
-    let rotary = [false, false, false, true, false, false, false, false];
+    let rotary = [false, false, false, true, false, false, false, false, false];
     let move_of = |to: &[f64]| {
         Element::new(
             1,

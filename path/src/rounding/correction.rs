@@ -2,9 +2,9 @@
 
 use nalgebra::SVector;
 
-use crate::geometry::{Correction, CubicPiece};
+use crate::geometry::{Correction, CubicPiece, first_axes};
 
-use super::{Junction, NEIGHBOURS, of_all, of_first};
+use super::{Junction, NEIGHBOURS, of_all};
 
 /// `|c(d; h)|` is at most this share of `h²`: 0.0083.
 pub(super) const BEND_SHARE: f64 = 120.0;
@@ -109,7 +109,10 @@ impl<const AXES: usize> Round<AXES> {
     pub fn of(junction: &Junction, half_width_mm: f64) -> Self {
         let half_mm = half_width_mm;
         let is_round = half_mm > 0.0;
-        let (kink, bend) = (of_first(&junction.kink), of_first(&junction.bend_per_mm));
+        let (kink, bend) = (
+            first_axes(&junction.kink),
+            first_axes(&junction.bend_per_mm),
+        );
         let has_kink = is_round && junction.kink_weight_per_mm > 0.0;
         let has_bend = is_round && junction.bend_weight_per_mm2 > 0.0;
         Self {
@@ -117,7 +120,7 @@ impl<const AXES: usize> Round<AXES> {
             half_width_mm,
             kink: has_kink.then(|| [kink, kink / (half_mm * half_mm)]),
             bend: has_bend.then(|| [bend, bend / (6.0 * half_mm)]),
-            moved: of_first(&junction.moved),
+            moved: first_axes(&junction.moved),
         }
     }
 

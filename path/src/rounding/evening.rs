@@ -8,9 +8,9 @@
 
 use nalgebra::SVector;
 
-use crate::geometry::AxisVector;
+use crate::geometry::{AxisVector, first_axes};
 
-use super::{Junction, RoundingSettings, of_all, of_first, size};
+use super::{Junction, RoundingSettings, of_all, size};
 
 /// Of its tolerance, how far a point moves at most.
 const SHARE: f64 = 0.3;
@@ -40,7 +40,7 @@ pub(super) fn move_point<const AXES: usize>(
 pub(super) fn slope<const AXES: usize>(before: &Junction, behind: &Junction) -> SVector<f64, AXES> {
     let length_mm = behind.at_mm - before.at_mm;
     if length_mm > 0.0 {
-        (of_first(&behind.moved) - of_first(&before.moved)) / length_mm
+        (first_axes(&behind.moved) - first_axes(&before.moved)) / length_mm
     } else {
         SVector::zeros()
     }
@@ -52,7 +52,7 @@ fn moved<const AXES: usize>(
     (index, here): (usize, &Junction),
     settings: &RoundingSettings,
 ) -> Option<AxisVector> {
-    let mut turn: SVector<f64, AXES> = of_first(&here.programmed_kink);
+    let mut turn: SVector<f64, AXES> = first_axes(&here.programmed_kink);
     let mut fitted = None;
     for away in 1..=FITTED {
         let before = junctions.get(index.checked_sub(away)?);
@@ -67,7 +67,7 @@ fn moved<const AXES: usize>(
         if !(before.is_between_chords && behind.is_between_chords) {
             break;
         }
-        turn += of_first::<AXES>(&before.programmed_kink) + of_first(&behind.programmed_kink);
+        turn += first_axes::<AXES>(&before.programmed_kink) + first_axes(&behind.programmed_kink);
     }
     let (away, span_mm) = fitted.filter(|(away, _)| *away >= FITTED_MIN)?;
     let near = junctions.get(index - away..=index + away)?;
@@ -82,7 +82,7 @@ fn parabola<const AXES: usize>(
     here: &Junction,
     span_mm: f64,
 ) -> Option<SVector<f64, AXES>> {
-    let from: SVector<f64, AXES> = of_first(&here.point);
+    let from: SVector<f64, AXES> = first_axes(&here.point);
     let share = |of: &Junction| (of.at_mm - here.at_mm) / span_mm;
     let weight = |u: f64| {
         let v = 1.0 - u.abs() * u * u;
@@ -93,7 +93,7 @@ fn parabola<const AXES: usize>(
     for of in near {
         let u = share(of);
         let mut power = weight(u);
-        let away = of_first(&of.point) - from;
+        let away = first_axes(&of.point) - from;
         for (moment, sum) in moments.iter_mut().zip(&mut sums) {
             *moment += power;
             *sum += away * power;

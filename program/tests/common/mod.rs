@@ -46,14 +46,14 @@ pub fn refusal(text: &str) -> String {
     }
 }
 
-/// Eight axes with travel enough for any program, tools, and answers to whatever a program asks.
+/// Nine axes with travel enough for any program, tools, and answers to whatever a program asks.
 pub fn everything() -> Arc<Setup> {
-    let mut axes: Vec<_> = "XYZABUVW"
+    let mut axes: Vec<_> = "XYZABCUVW"
         .chars()
         .map(|letter| slide(letter, -1e9, 1e9))
         .collect();
     for axis in &mut axes {
-        axis.rotary = "AB".contains(axis.letter);
+        axis.rotary = "ABC".contains(axis.letter);
     }
     let tools = "T1 P1 Z10 D6\nT2 P2 Z20.5 D3 X1\nT3 P3 Z5 D1 Q2 I10 J20\nT99 P99 D8 Z-3 ;last\n";
     Arc::new(Setup {

@@ -2,8 +2,8 @@
 
 use super::*;
 
-const FROM: [i64; PATH_AXES] = [1000, -1000, 0, 0, 0, 0, 0, 0];
-const TO: [i64; PATH_AXES] = [2000, -1010, 0, 0, 0, 0, 0, 0];
+const FROM: [i64; PATH_AXES] = [1000, -1000, 0, 0, 0, 0, 0, 0, 0];
+const TO: [i64; PATH_AXES] = [2000, -1010, 0, 0, 0, 0, 0, 0, 0];
 
 fn shown(contact: bool, made_at: Option<f64>, lost_at: Option<f64>) -> InputFeedback {
     InputFeedback {
