@@ -11,7 +11,7 @@ pub(super) const RUN_RECORD: &str = "quadrant.run";
 /// Metadata record with which a whole log ends.
 pub(super) const END_RECORD: &str = "quadrant.end";
 /// Contract of topics and messages in the log.
-const LOG_VERSION: &str = "4";
+const LOG_VERSION: &str = "5";
 
 /// Setting of a log that begins later than its cell: scan in which its program was started.
 pub const BEGINS_AT: &str = "begins_at_scan";
