@@ -38,6 +38,15 @@ pub fn draw(frame: &mut Frame<'_>, area: Rect, screen: &Screen<'_>) {
     let alarms = [
         state.bus.as_ref().and_then(|bus| bus.alarm.clone()),
         overrun.map(|scans| format!("{scans} scans overrun")),
+        state.alarms.first().map(|alarm| match state.alarms.len() {
+            1 => format!("alarm {}, {}", alarm.number, alarm.text),
+            more => format!(
+                "alarm {}, {} and {} more",
+                alarm.number,
+                alarm.text,
+                more - 1
+            ),
+        }),
     ];
     first.extend(
         alarms
