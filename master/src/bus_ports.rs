@@ -66,10 +66,9 @@ impl Ports {
                 .collect(),
             windows: bus.window_reader(SCAN_DEPTH)?.with_horizon(HORIZON_SCANS),
             planner: bus.planner_reader(SCAN_DEPTH)?.with_horizon(HORIZON_SCANS),
-            logic: match bus.logic_reader(SCAN_DEPTH)? {
-                Some(reader) => Some(reader.with_horizon(HORIZON_SCANS)),
-                None => None,
-            },
+            logic: bus
+                .logic_reader(SCAN_DEPTH)?
+                .map(|reader| reader.with_horizon(HORIZON_SCANS)),
             roster: bus.roster_reader(SCAN_DEPTH)?,
             operator: bus.operator_server()?,
         })

@@ -25,58 +25,8 @@ pub fn judge(rules: &mut Rules<'_>, machine: &Machine) {
         );
         rules.say(&["signal"], None, &what);
     }
-    for (index, signal) in machine.signals.iter().enumerate() {
-        let number = (index + 1).to_string();
-        let say = |rules: &mut Rules<'_>, path: &[&str], what: &str| {
-            let whole = [&["signal", number.as_str()], path].concat();
-            rules.say(&whole, None, what);
-        };
-        let before = machine.signals.get(..index).unwrap_or_default();
-        if !is_name(&signal.name) {
-            let what = format!(
-                "= {:?}: must be 1 to {NAME_LENGTH_MAX} lower-case letters, digits or underscores, a letter first",
-                signal.name
-            );
-            say(rules, &["name"], &what);
-        } else if before.iter().any(|other| other.name == signal.name) {
-            let what = format!("= {:?}: is there twice", signal.name);
-            say(rules, &["name"], &what);
-        }
-        for (key, value) in [("default", Some(signal.default)), ("lost", signal.lost)] {
-            let Some(value) = value.filter(|value| !signal.kind.can_show(*value)) else {
-                continue;
-            };
-            let kind = signal.kind.word();
-            say(
-                rules,
-                &[key],
-                &format!("= {value}: a signal of the kind {kind} cannot show it"),
-            );
-        }
-        if signal.inverted && signal.kind != SignalKind::Bool {
-            say(
-                rules,
-                &["inverted"],
-                "= true: goes with kind = \"bool\" alone",
-            );
-        }
-        let leads_out = signal
-            .to
-            .as_ref()
-            .is_some_and(|to| to.drive.is_some() || to.terminal.is_some());
-        if signal.keeps && leads_out {
-            say(
-                rules,
-                &["keeps"],
-                "= true: goes to a device, whose output would stay on when nobody commands it",
-            );
-        }
-        if let Some(what) = wrong_source(machine, signal) {
-            say(rules, &["from"], &what);
-        }
-        if let Some(what) = wrong_sink(machine, signal, before) {
-            say(rules, &["to"], &what);
-        }
+    for index in 0..machine.signals.len() {
+        one(rules, machine, index);
     }
     for (key, name, switch) in machine.functions.named() {
         if let Some(what) = wrong_name(machine, name, switch) {
@@ -84,15 +34,62 @@ pub fn judge(rules: &mut Rules<'_>, machine: &Machine) {
         }
     }
     alarms(rules, machine);
+    limit_switches(rules, machine);
+}
+
+/// One signal: its name, what it can show, where it comes from and goes.
+fn one(rules: &mut Rules<'_>, machine: &Machine, index: usize) {
+    let Some(signal) = machine.signals.get(index) else {
+        return;
+    };
+    let before = machine.signals.get(..index).unwrap_or_default();
+    let number = (index + 1).to_string();
+    let mut say = |key: &str, what: &str| {
+        rules.say(&["signal", number.as_str(), key], None, what);
+    };
+    if !is_name(&signal.name) {
+        let what = format!(
+            "= {:?}: must be 1 to {NAME_LENGTH_MAX} lower-case letters, digits or underscores, a letter first",
+            signal.name
+        );
+        say("name", &what);
+    } else if before.iter().any(|other| other.name == signal.name) {
+        say("name", &format!("= {:?}: is there twice", signal.name));
+    }
+    for (key, value) in [("default", Some(signal.default)), ("lost", signal.lost)] {
+        if let Some(value) = value.filter(|value| !signal.kind.can_show(*value)) {
+            let kind = signal.kind.word();
+            let what = format!("= {value}: a signal of the kind {kind} cannot show it");
+            say(key, &what);
+        }
+    }
+    if signal.inverted && signal.kind != SignalKind::Bool {
+        say("inverted", "= true: goes with kind = \"bool\" alone");
+    }
+    let to = signal.to.as_ref();
+    if signal.keeps && to.is_some_and(|to| to.drive.is_some() || to.terminal.is_some()) {
+        let what = "= true: goes to a device, whose output would stay on when nobody commands it";
+        say("keeps", what);
+    }
+    if let Some(what) = wrong_source(machine, signal) {
+        say("from", &what);
+    }
+    if let Some(what) = wrong_sink(machine, signal, before) {
+        say("to", &what);
+    }
+}
+
+fn limit_switches(rules: &mut Rules<'_>, machine: &Machine) {
     for (index, axis) in machine.axes.iter().enumerate() {
         let at = Some((index, axis.name.as_str()));
         let Some(switches) = &axis.limit_switches else {
             continue;
         };
-        for (key, name) in [
+        let ends = [
             ("negative", &switches.negative),
             ("positive", &switches.positive),
-        ] {
+        ];
+        for (key, name) in ends {
             let wrong = name
                 .as_ref()
                 .and_then(|name| wrong_name(machine, name, true));

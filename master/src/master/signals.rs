@@ -322,7 +322,8 @@ impl NamedSignals {
         let buttons = [self.functions.cycle_start, self.functions.feed_hold];
         let now = buttons.map(|button| self.value(button) == Some(1.0));
         let [was_start, was_hold] = std::mem::replace(&mut self.pressed, now);
-        [now[0] && !was_start, now[1] && !was_hold]
+        let [start, hold] = now;
+        [start && !was_start, hold && !was_hold]
     }
 
     /// Overrides of feed and rapids that have been turned since the scan before.
@@ -330,7 +331,12 @@ impl NamedSignals {
         let knobs = [self.functions.feed_override, self.functions.rapid_override];
         let now = knobs.map(|knob| self.value(knob).map(libm::round));
         let before = std::mem::replace(&mut self.turned, now);
-        [0, 1].map(|knob| now[knob].filter(|value| before[knob] != Some(*value)))
+        let [feed, rapid] = now;
+        let [feed_before, rapid_before] = before;
+        [
+            feed.filter(|value| feed_before != Some(*value)),
+            rapid.filter(|value| rapid_before != Some(*value)),
+        ]
     }
 
     /// Notes whether the axis is on the switch at its end in this direction; whether it came onto it since the scan before.

@@ -43,17 +43,7 @@ pub fn status(state: &CellState, machine: &Machine) -> String {
             let _ = write!(text, "\n  ! {alarm}");
         }
     }
-    for alarm in &state.alarms {
-        let _ = write!(text, "\n  ! alarm {}", alarm_words(alarm));
-    }
-    for signal in state
-        .signals
-        .iter()
-        .filter(|signal| signal.forced || signal.lost)
-    {
-        let (name, words) = (&signal.name, value_words(signal));
-        let _ = write!(text, "\n  ! signal {name} is {words}");
-    }
+    wired(&mut text, state);
     for message in &state.messages {
         let _ = write!(text, "\n  says, line {}: {}", message.line, message.text);
     }
@@ -90,6 +80,21 @@ pub fn status(state: &CellState, machine: &Machine) -> String {
         );
     }
     text
+}
+
+/// Alarms of the machine, and signals that are not as their wires say.
+fn wired(text: &mut String, state: &CellState) {
+    for alarm in &state.alarms {
+        let _ = write!(text, "\n  ! alarm {}", alarm_words(alarm));
+    }
+    for signal in state
+        .signals
+        .iter()
+        .filter(|signal| signal.forced || signal.lost)
+    {
+        let (name, words) = (&signal.name, value_words(signal));
+        let _ = write!(text, "\n  ! signal {name} is {words}");
+    }
 }
 
 /// The age of what is shown, in words.
