@@ -298,8 +298,8 @@ fn cell_and_desk_keep_their_budgets_of_lines() {
     let cell: usize = CELL.iter().map(lines).sum();
     let desk: usize = DESK.iter().map(lines).sum();
     println!("cell {cell}, desk {desk}");
-    assert!(cell <= 61_000, "the cell has {cell} lines of code");
-    assert!(desk <= 36_000, "the desk has {desk} lines of code");
+    assert!(cell <= 61_900, "the cell has {cell} lines of code");
+    assert!(desk <= 36_350, "the desk has {desk} lines of code");
 }
 
 fn opens_itself(line: &str) -> bool {

@@ -59,6 +59,8 @@ pub const TORQUE_OFFSET: u16 = 0x60B2;
 pub const INTERPOLATION_TIME: u16 = 0x60C2;
 /// Digital inputs: 0 to 3 limit switches, home switch and interlock, 16 to 31 those of the manufacturer.
 pub const DIGITAL_INPUTS: u16 = 0x60FD;
+/// Digital outputs: sub-index 1 the outputs, 0 the brake, 16 to 31 those of the manufacturer; 2 which of them are driven.
+pub const DIGITAL_OUTPUTS: u16 = 0x60FE;
 /// Highest torque in the positive direction.
 pub const POSITIVE_TORQUE_LIMIT: u16 = 0x60E0;
 /// Highest torque in the negative direction.

@@ -129,8 +129,10 @@ fn wrong_device(
     let (Some(place), Some(bus)) = (terminal, &machine.bus) else {
         return None;
     };
-    (!bus.other_slaves.contains(&place))
-        .then(|| format!("names terminal {place}, which is not in [bus] other_slaves"))
+    let mut terminals = bus.terminals.iter();
+    (!terminals.any(|terminal| terminal.slave == place)).then(|| {
+        format!("names terminal {place}: there is no [[bus.terminal]] with slave = {place}")
+    })
 }
 
 fn wrong_source(machine: &Machine, signal: &Signal) -> Option<String> {
