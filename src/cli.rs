@@ -160,7 +160,7 @@ pub enum Command {
     Completions(CompletionsOptions),
     /// Write the manual pages
     Man(ManOptions),
-    /// Print what the machine file, the plant file or a drive file may hold: the page of the reference, or the schema for editors
+    /// Print what the machine file, the plant file, a drive file or a terminal file may hold: the page of the reference, or the schema for editors
     Reference(ReferenceOptions),
 }
 
@@ -209,7 +209,7 @@ pub struct ManOptions {
 #[derive(Debug, Clone, Args)]
 pub struct ReferenceOptions {
     /// Which file
-    #[arg(value_parser = ["machine", "plant", "drive"])]
+    #[arg(value_parser = ["machine", "plant", "drive", "terminal"])]
     pub file: String,
     /// The JSON Schema for editors in place of the page
     #[arg(long)]

@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use fieldbus::drive_file;
+use fieldbus::{drive_file, terminal_file};
 use machine::settings_file::{KeySchema, Kind, Schema};
 use plant_sim::plant_file;
 
@@ -14,7 +14,7 @@ const ANY_NAME: &str = "NAME";
 const LISTED_MAX: usize = 22;
 
 /// What a settings file may hold: its name in the commands and in the book, what stands before the keys, and its schema.
-pub fn settings_files() -> [(&'static str, &'static str, Schema); 3] {
+pub fn settings_files() -> [(&'static str, &'static str, Schema); 4] {
     [
         (
             "machine",
@@ -30,6 +30,11 @@ pub fn settings_files() -> [(&'static str, &'static str, Schema); 3] {
             "drive",
             include_str!("reference/drive-file.md"),
             drive_file::schema(),
+        ),
+        (
+            "terminal",
+            include_str!("reference/terminal-file.md"),
+            terminal_file::schema(),
         ),
     ]
 }

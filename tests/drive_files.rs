@@ -99,6 +99,48 @@ fn an_esi_file_becomes_a_drive_file_that_is_good_once_it_is_filled_in() {
 }
 
 #[test]
+fn an_esi_file_becomes_a_terminal_file_that_is_good_as_it_is() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let esi = root().join(TESTOR);
+    let esi = esi.to_str().expect("a path");
+    let made = bus(folder.path(), &["io-file", esi]);
+    assert_eq!(made.status, 0, "{}", made.stderr);
+    let file = "terminals/ti-8.toml";
+    for words in [
+        file,
+        "2 channels",
+        "channel   2  output  bool",
+        "[[bus.terminal]]",
+    ] {
+        assert!(made.stdout.contains(words), "{words}: {}", made.stdout);
+    }
+    let good = bus(folder.path(), &["check", file, "--esi", esi]);
+    assert_eq!((good.status, good.stderr.as_str()), (0, ""));
+    assert!(good.stdout.contains(": good"), "{}", good.stdout);
+    let again = bus(folder.path(), &["io-file", esi, "--device", "3"]);
+    assert_eq!(again.status, 2);
+    assert!(
+        again.stderr.contains("is there already"),
+        "{}",
+        again.stderr
+    );
+    let drive = bus(folder.path(), &["io-file", esi, "--device", "1"]);
+    assert_eq!(drive.status, 2);
+    assert!(drive.stderr.contains("is a drive"), "{}", drive.stderr);
+    assert!(
+        drive.stderr.contains("--device 3   TI-8"),
+        "{}",
+        drive.stderr
+    );
+    let path = folder.path().join(file);
+    let text = fs::read_to_string(&path).expect("the terminal file");
+    fs::write(&path, text.replace("number = 2", "number = 1")).expect("writing");
+    let wrong = bus(folder.path(), &["check", file]);
+    assert_eq!(wrong.status, 2);
+    assert!(wrong.stderr.contains("is there twice"), "{}", wrong.stderr);
+}
+
+#[test]
 fn drives_that_fit_are_listed_and_nothing_is_written() {
     let folder = tempfile::tempdir().expect("a folder");
     let esi = root().join(TESTOR);

@@ -26,6 +26,8 @@ mod runs;
 mod segment;
 #[path = "ethercat/start_ups.rs"]
 mod start_ups;
+#[path = "ethercat/terminals.rs"]
+mod terminals;
 #[path = "ethercat/troubles.rs"]
 mod troubles;
 #[path = "ethercat/wrong_configurations.rs"]

@@ -3,15 +3,17 @@
 use machine::settings_file::Rules;
 
 use crate::mapping;
+use crate::terminal::{as_it_is, terminal_from_esi};
 use crate::{Device, Esi, Pdo as EsiPdo, Purpose};
 use fieldbus::cia402;
 use fieldbus::drive_file::rules::{Direction, WATCHDOG, directions};
-use fieldbus::drive_file::{DriveFile, ManagerPurpose, Mapping};
+use fieldbus::drive_file::{DriveFile, Identity, ManagerPurpose, Mapping};
 use fieldbus::process_data::Pdo;
+use fieldbus::terminal_file::TerminalFile;
 
 /// Judges a drive file against an ESI file; where that has no such drive, nothing else is said.
 pub fn judge(rules: &mut Rules<'_>, drive: &DriveFile, esi: &Esi) {
-    let Some(device) = same_device(rules, drive, esi) else {
+    let Some(device) = same_device(rules, &drive.identity, esi) else {
         return;
     };
     for direction in directions(&drive.process_data) {
@@ -25,13 +27,47 @@ pub fn judge(rules: &mut Rules<'_>, drive: &DriveFile, esi: &Esi) {
     judge_sync_modes(rules, drive, device);
 }
 
-/// The device that the drive file names.
-fn same_device<'a>(rules: &mut Rules<'_>, drive: &DriveFile, esi: &'a Esi) -> Option<&'a Device> {
-    let identity = &drive.identity;
+/// Judges a terminal file against an ESI file; where that has no such device, nothing else is said.
+pub fn judge_terminal(rules: &mut Rules<'_>, terminal: &TerminalFile, esi: &Esi) {
+    let Some(device) = same_device(rules, &terminal.identity, esi) else {
+        return;
+    };
+    let data = &terminal.process_data;
+    // As they are, and with what fills up the bytes of a sync manager.
+    let offered = device.receive.iter().chain(&device.transmit);
+    let mut known: Vec<Pdo> = offered.map(as_it_is).collect();
+    if let Ok(TerminalFile { process_data, .. }) = terminal_from_esi(esi, device) {
+        known.extend(
+            process_data
+                .receive
+                .into_iter()
+                .chain(process_data.transmit),
+        );
+    }
+    let objects = |pdo: &Pdo| -> Vec<(u16, u8, u32)> {
+        let entries = pdo.entries.iter();
+        entries.map(|of| (of.index, of.sub, of.bits)).collect()
+    };
+    for (key, pdos) in [("receive", &data.receive), ("transmit", &data.transmit)] {
+        for (at, pdo) in pdos.iter().enumerate() {
+            let same = |known: &Pdo| known.index == pdo.index && objects(known) == objects(pdo);
+            if data.mapping == Mapping::Fixed && !known.iter().any(same) {
+                let (number, index, file) = ((at + 1).to_string(), pdo.index, &esi.file);
+                let what = format!(
+                    "= 0x{index:04X}: is another one in {file}: make the terminal file again"
+                );
+                rules.say(&["process_data", key, &number, "index"], None, &what);
+            }
+        }
+    }
+}
+
+/// The device that a file names.
+fn same_device<'a>(rules: &mut Rules<'_>, identity: &Identity, esi: &'a Esi) -> Option<&'a Device> {
     let file = &esi.file;
     if identity.vendor != esi.vendor {
         let what = format!(
-            "= 0x{:08X}: {file} is of vendor 0x{:08X} ({}): take the ESI file of this drive",
+            "= 0x{:08X}: {file} is of vendor 0x{:08X} ({}): take the ESI file of this device",
             identity.vendor, esi.vendor, esi.vendor_name
         );
         rules.say(&["identity", "vendor"], None, &what);
@@ -53,7 +89,7 @@ fn same_device<'a>(rules: &mut Rules<'_>, drive: &DriveFile, esi: &'a Esi) -> Op
     if found.is_none() {
         let (revision, revisions) = (identity.revision, hexadecimal(8, revisions()));
         let what = format!(
-            "= 0x{revision:08X}: of this product {file} has {revisions}: make the drive file again with --revision, or take the ESI file of this revision"
+            "= 0x{revision:08X}: of this product {file} has {revisions}: make the file again with --revision, or take the ESI file of this revision"
         );
         rules.say(&["identity", "revision"], None, &what);
     }

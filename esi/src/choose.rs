@@ -11,6 +11,58 @@ pub struct Choice<'a> {
     pub product: Option<&'a str>,
     /// Revision.
     pub revision: Option<u32>,
+    /// Which in the file, from 1.
+    pub device: Option<usize>,
+}
+
+/// Those that are meant.
+fn meant<'a>(esi: &'a Esi, choice: Choice<'_>) -> Vec<&'a Device> {
+    let all = (1..).zip(&esi.devices);
+    let meant = all.filter(|(number, device)| {
+        let of = choice
+            .product
+            .is_none_or(|product| is_product(device, product));
+        let revision = choice
+            .revision
+            .is_none_or(|revision| device.revision == revision);
+        of && revision && choice.device.is_none_or(|device| device == *number)
+    });
+    meant.map(|(_, device)| device).collect()
+}
+
+/// The one terminal that fits: a device with inputs or outputs that is no drive.
+///
+/// # Errors
+/// There is none, or several: with what to write.
+pub fn choose_terminal<'a>(esi: &'a Esi, choice: Choice<'_>) -> Result<&'a Device, EsiError> {
+    let meant = meant(esi, choice);
+    let terminals: Vec<&Device> = meant.iter().copied().filter(|d| d.is_terminal()).collect();
+    let what = match (terminals.as_slice(), meant.as_slice()) {
+        ([terminal], _) => return Ok(terminal),
+        ([], [one]) if one.is_drive() => {
+            format!(
+                "{} is a drive: `quadrant bus drive-file` makes its file",
+                one.name
+            )
+        }
+        ([], _) => "no device that was named has inputs or outputs; there are".into(),
+        (several, _) => format!("{} devices fit: say which, by one of", several.len()),
+    };
+    let mut list = String::new();
+    for (number, device) in (1..)
+        .zip(&esi.devices)
+        .filter(|(_, device)| device.is_terminal())
+    {
+        let _ = write!(
+            list,
+            "\n  --device {number}   {} (product 0x{:08X}, revision 0x{:08X})",
+            device.name, device.product_code, device.revision
+        );
+    }
+    Err(EsiError::NoDevice {
+        file: esi.file.clone(),
+        what: what + &list,
+    })
 }
 
 /// The one CiA 402 drive that fits.
@@ -22,20 +74,7 @@ pub fn choose<'a>(esi: &'a Esi, choice: Choice<'_>) -> Result<&'a Device, EsiErr
         file: esi.file.clone(),
         what,
     };
-    let meant: Vec<&Device> = esi
-        .devices
-        .iter()
-        .filter(|device| {
-            choice
-                .product
-                .is_none_or(|product| is_product(device, product))
-        })
-        .filter(|device| {
-            choice
-                .revision
-                .is_none_or(|revision| device.revision == revision)
-        })
-        .collect();
+    let meant = meant(esi, choice);
     let drives: Vec<&Device> = meant.iter().copied().filter(|d| d.is_drive()).collect();
     match (drives.as_slice(), meant.as_slice()) {
         ([drive], _) => Ok(drive),

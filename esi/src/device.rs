@@ -88,6 +88,7 @@ fn pdo<'a>(node: Node<'a, 'a>) -> Result<Pdo, Wrong> {
             sub: number_of(entry, "SubIndex").unwrap_or(0),
             bits,
             name: english(entry, "Name").unwrap_or_default().to_string(),
+            data_type: text_of(entry, "DataType").unwrap_or_default().to_string(),
         })
     });
     Ok(Pdo {

@@ -26,7 +26,7 @@ pub struct Made {
     pub warnings: Vec<String>,
 }
 
-/// Why no drive file can be made of a device.
+/// Why no drive or terminal file can be made of a device.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{file}:{line}: {name}: {what}")]
 pub struct NotMade {
@@ -36,17 +36,34 @@ pub struct NotMade {
     what: String,
 }
 
+impl NotMade {
+    pub(crate) fn of(esi: &Esi, device: &Device, what: String) -> NotMade {
+        NotMade {
+            file: esi.file.clone(),
+            line: device.line,
+            name: device.name.clone(),
+            what,
+        }
+    }
+}
+
+/// Who a device is.
+pub(crate) fn identity_of(esi: &Esi, device: &Device) -> Identity {
+    Identity {
+        vendor: esi.vendor,
+        vendor_name: esi.vendor_name.clone(),
+        product_code: device.product_code,
+        revision: device.revision,
+        name: device.name.clone(),
+    }
+}
+
 /// Makes a drive file of a device; without a mode, of the first in [`OperatingMode::ALL`] that it can be driven in.
 ///
 /// # Errors
 /// The drive cannot be driven, or not in this mode.
 pub fn from_esi(esi: &Esi, device: &Device, mode: Option<OperatingMode>) -> Result<Made, NotMade> {
-    let not_made = |what: String| NotMade {
-        file: esi.file.clone(),
-        line: device.line,
-        name: device.name.clone(),
-        what,
-    };
+    let not_made = |what: String| NotMade::of(esi, device, what);
     if !device.is_drive() {
         return Err(not_made("is no CiA 402 drive".into()));
     }
@@ -64,13 +81,7 @@ pub fn from_esi(esi: &Esi, device: &Device, mode: Option<OperatingMode>) -> Resu
     }
     let supported = supported_modes(device);
     let mut drive = DriveFile {
-        identity: Identity {
-            vendor: esi.vendor,
-            vendor_name: esi.vendor_name.clone(),
-            product_code: device.product_code,
-            revision: device.revision,
-            name: device.name.clone(),
-        },
+        identity: identity_of(esi, device),
         mode: Mode {
             operate: mode,
             supported,
@@ -112,7 +123,7 @@ fn other_axes(device: &Device) -> Option<String> {
     (axes > 1).then(|| format!("{axes} axes on one device: {what}"))
 }
 
-fn mailbox_of(mailbox: &crate::Mailbox) -> Mailbox {
+pub(crate) fn mailbox_of(mailbox: &crate::Mailbox) -> Mailbox {
     let request_ms = mailbox.request_timeout_ms.unwrap_or(REQUEST_TIMEOUT_MS);
     let response_ms = mailbox.response_timeout_ms.unwrap_or(RESPONSE_TIMEOUT_MS);
     Mailbox {
@@ -230,24 +241,31 @@ fn start_up(device: &Device, drive: &DriveFile) -> Vec<Sdo> {
             });
         }
     }
-    for command in &device.init_commands {
-        let ours = [cia402::MODE, cia402::INTERPOLATION_TIME].contains(&command.index)
-            || (0x1600..0x1C00).contains(&command.index)
-            || [cia402::RECEIVE_ASSIGN, cia402::TRANSMIT_ASSIGN].contains(&command.index)
+    for sdo in vendors_sdos(device) {
+        let ours = [cia402::MODE, cia402::INTERPOLATION_TIME].contains(&sdo.index)
             || sdos
                 .iter()
-                .any(|sdo| (sdo.index, sdo.sub) == (command.index, command.sub));
-        let value = i64::try_from(command.value).ok();
-        if let (false, Some(value), 8 | 16 | 32) = (ours, value, command.bits) {
-            sdos.push(Sdo {
-                index: command.index,
-                sub: command.sub,
-                bits: command.bits,
-                value,
-            });
+                .any(|own| (own.index, own.sub) == (sdo.index, sdo.sub));
+        if !ours {
+            sdos.push(sdo);
         }
     }
     sdos
+}
+
+/// What the vendor wants written before operation, but for what is exchanged.
+pub(crate) fn vendors_sdos(device: &Device) -> impl Iterator<Item = Sdo> {
+    device.init_commands.iter().filter_map(|command| {
+        let exchanges = (0x1600..0x1C00).contains(&command.index)
+            || [cia402::RECEIVE_ASSIGN, cia402::TRANSMIT_ASSIGN].contains(&command.index);
+        let value = i64::try_from(command.value).ok()?;
+        (!exchanges && matches!(command.bits, 8 | 16 | 32)).then_some(Sdo {
+            index: command.index,
+            sub: command.sub,
+            bits: command.bits,
+            value,
+        })
+    })
 }
 
 /// Whether an object can be written with this value, as far as the file tells.

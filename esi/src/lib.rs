@@ -1,7 +1,8 @@
 //! ESI files: what a vendor says of its EtherCAT devices (EtherCAT Slave Information, ETG.2000), in XML.
 //!
 //! Nothing in such a file makes the reader panic; what a drive needs and cannot be understood is named with its line. [`from_esi()`]
-//! makes a drive file of one, [`write()`] gives it its comments, [`judge()`] holds a drive file against one.
+//! makes a drive file of one, [`terminal_from_esi()`] a terminal file; [`write()`] and [`write_terminal()`] give them their comments,
+//! [`judge()`] and [`judge_terminal()`] hold such a file against one.
 
 mod against;
 mod choose;
@@ -11,17 +12,19 @@ mod error;
 mod from_esi;
 mod mapping;
 mod number;
+mod terminal;
 mod text;
 mod write;
 mod xml;
 
-pub use against::judge;
-pub use choose::{Choice, choose};
+pub use against::{judge, judge_terminal};
+pub use choose::{Choice, choose, choose_terminal};
 pub use dictionary::{Dictionary, Object};
 pub use error::EsiError;
 pub use from_esi::{Made, NotMade, from_esi};
 pub use number::whole;
-pub use write::write;
+pub use terminal::terminal_from_esi;
+pub use write::{write, write_terminal};
 
 use std::path::Path;
 
@@ -107,6 +110,8 @@ pub struct PdoEntry {
     pub bits: u32,
     /// Name of the object.
     pub name: String,
+    /// Its type (`DataType`), as `BOOL` or `INT`; empty where the file does not say it.
+    pub data_type: String,
 }
 
 /// What a sync manager is for.
@@ -263,6 +268,12 @@ impl Device {
         self.profiles.contains(&cia402::PROFILE)
             || (holds(&self.receive, cia402::CONTROLWORD)
                 && holds(&self.transmit, cia402::STATUSWORD))
+    }
+
+    /// Whether it has inputs or outputs and is no drive.
+    pub fn is_terminal(&self) -> bool {
+        let mut pdos = self.receive.iter().chain(&self.transmit);
+        pdos.any(|pdo| !pdo.entries.is_empty()) && !self.is_drive()
     }
 
     /// A PDO that it receives.

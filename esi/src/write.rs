@@ -4,12 +4,20 @@ use std::fmt::Write as _;
 
 use crate::Device;
 use fieldbus::cia402::{self, OptionCode};
-use fieldbus::drive_file::rules::{Direction, directions};
-use fieldbus::drive_file::{DriveFile, Limits, SyncManager};
+use fieldbus::drive_file::rules::directions;
+use fieldbus::drive_file::{DriveFile, Identity, Limits, Mailbox, SyncManager};
 use fieldbus::process_data::Pdo;
+use fieldbus::terminal_file::TerminalFile;
 
 /// Longest name of an object in a comment, in characters.
 const NAME_CHARS_MAX: usize = 60;
+
+/// Adds lines; writing into a text cannot fail.
+macro_rules! add {
+    ($text:expr, $($line:tt)*) => {{
+        let _ = writeln!($text, $($line)*);
+    }};
+}
 
 /// What stands before all keys.
 const HEAD: &str = "\
@@ -20,6 +28,61 @@ const HEAD: &str = "\
 #
 # No drive file makes a machine safe: emergency stop and STO stay wired.
 ";
+
+/// What stands before all keys of a terminal file.
+const TERMINAL_HEAD: &str = "\
+# Terminal file: what the controller must know of a device with inputs and outputs. All keys: docs/reference/terminal-file.md
+#
+# Numbers of channels are what [[signal]] of the machine file names: from = { terminal = PLACE, channel = NUMBER }. They may be changed
+# here, and channels that nobody needs left out. No ESI file tells what a number means: of one that is volts or degrees write
+# kind = \"float\" with scale, offset and unit.
+";
+
+/// The text of a terminal file that was made of this device.
+pub fn write_terminal(terminal: &TerminalFile, device: &Device) -> String {
+    let mut text = TERMINAL_HEAD.to_string();
+    identity(&mut text, &terminal.identity);
+    let data = &terminal.process_data;
+    add!(text, "\n[process_data]");
+    add!(text, "mapping = {}", quoted(data.mapping.word()));
+    for (key, pdos) in [("receive", &data.receive), ("transmit", &data.transmit)] {
+        for pdo in pdos {
+            one_pdo(&mut text, key, pdo, device);
+        }
+    }
+    for sdo in &terminal.sdos {
+        add!(text, "\n[[sdo]] # {}", name(device, sdo.index, sdo.sub));
+        let (index, sub, bits, value) = (sdo.index, sdo.sub, sdo.bits, sdo.value);
+        add!(
+            text,
+            "index = 0x{index:04X}\nsub = {sub}\nbits = {bits}\nvalue = {value}"
+        );
+    }
+    if let Some(of) = &terminal.mailbox {
+        mailbox(&mut text, of);
+    }
+    for channel in &terminal.channels {
+        add!(text, "\n[[channel]]");
+        let (name, direction) = (quoted(&channel.name), quoted(channel.direction.word()));
+        add!(
+            text,
+            "number = {}\nname = {name}\ndirection = {direction}",
+            channel.number
+        );
+        add!(
+            text,
+            "kind = {}\nindex = 0x{:04X}",
+            quoted(channel.kind.word()),
+            channel.index
+        );
+        let (sub, first_bit, signed) = (channel.sub, channel.first_bit, channel.signed);
+        add!(
+            text,
+            "sub = {sub}\nfirst_bit = {first_bit}\nsigned = {signed}"
+        );
+    }
+    text
+}
 
 /// What must be filled in.
 const SCALING: &str = "
@@ -37,25 +100,18 @@ dead_time_scans = 0       # FILL IN: 2 with SYNC0, 1 without, and what the drive
 /// The text of a drive file that was made of this device; what must be filled in is 0.
 pub fn write(drive: &DriveFile, device: &Device) -> String {
     let mut text = HEAD.to_string();
-    identity(&mut text, drive);
+    identity(&mut text, &drive.identity);
     mode(&mut text, drive);
     text.push_str(SCALING);
     process_data(&mut text, drive, device);
     start_up(&mut text, drive, device);
     option_codes(&mut text, drive);
-    mailbox(&mut text, drive);
+    mailbox(&mut text, &drive.mailbox);
     for (number, manager) in drive.sync_managers.iter().enumerate() {
         sync_manager(&mut text, number, manager);
     }
     sync_modes(&mut text, drive);
     text
-}
-
-/// Adds lines; writing into a text cannot fail.
-macro_rules! add {
-    ($text:expr, $($line:tt)*) => {{
-        let _ = writeln!($text, $($line)*);
-    }};
 }
 
 /// Text as TOML has it.
@@ -78,8 +134,7 @@ fn comment(text: &str) -> String {
     shown.trim().to_string()
 }
 
-fn identity(text: &mut String, drive: &DriveFile) {
-    let identity = &drive.identity;
+fn identity(text: &mut String, identity: &Identity) {
     add!(text, "\n[identity]");
     add!(text, "vendor = 0x{:08X}", identity.vendor);
     add!(text, "vendor_name = {}", quoted(&identity.vendor_name));
@@ -121,7 +176,7 @@ fn process_data(text: &mut String, drive: &DriveFile, device: &Device) {
     limits(text, &data.limits);
     for direction in directions(data) {
         for pdo in direction.pdos {
-            one_pdo(text, &direction, pdo, device);
+            one_pdo(text, direction.key, pdo, device);
         }
     }
 }
@@ -146,8 +201,8 @@ fn limits(text: &mut String, limits: &Limits) {
     }
 }
 
-fn one_pdo(text: &mut String, direction: &Direction<'_>, pdo: &Pdo, device: &Device) {
-    add!(text, "\n[[process_data.{}]]", direction.key);
+fn one_pdo(text: &mut String, key: &str, pdo: &Pdo, device: &Device) {
+    add!(text, "\n[[process_data.{key}]]");
     add!(text, "index = 0x{:04X}", pdo.index);
     add!(text, "entries = [");
     for entry in &pdo.entries {
@@ -235,8 +290,7 @@ fn option_codes(text: &mut String, drive: &DriveFile) {
     }
 }
 
-fn mailbox(text: &mut String, drive: &DriveFile) {
-    let mailbox = &drive.mailbox;
+fn mailbox(text: &mut String, mailbox: &Mailbox) {
     add!(text, "\n[mailbox]");
     add!(text, "complete_access = {}", mailbox.complete_access);
     add!(text, "pdo_assign = {}", mailbox.pdo_assign);

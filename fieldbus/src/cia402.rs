@@ -59,8 +59,8 @@ pub const TORQUE_OFFSET: u16 = 0x60B2;
 pub const INTERPOLATION_TIME: u16 = 0x60C2;
 /// Digital inputs: 0 to 3 limit switches, home switch and interlock, 16 to 31 those of the manufacturer.
 pub const DIGITAL_INPUTS: u16 = 0x60FD;
-/// Its physical outputs: sub-index 1 their bits, sub-index 2 which of them count; bit 0 is the brake, 1 opens it.
-pub const PHYSICAL_OUTPUTS: u16 = 0x60FE;
+/// Digital (physical) outputs: sub-index 1 their bits, 0 the brake (1 opens it), 16 to 31 those of the maker; sub-index 2 which of them count.
+pub const DIGITAL_OUTPUTS: u16 = 0x60FE;
 /// Highest torque in the positive direction.
 pub const POSITIVE_TORQUE_LIMIT: u16 = 0x60E0;
 /// Highest torque in the negative direction.

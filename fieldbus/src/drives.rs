@@ -5,14 +5,17 @@
 
 mod axis;
 mod cia402_drives;
-mod field;
 mod homing;
 mod page_wire;
 mod position_target;
+mod signal_places;
+mod signals;
 mod state_walk;
 mod units;
 
-pub use cia402_drives::{Cia402Drives, DriveSetup, Wire, WireAnswer};
+pub use cia402_drives::{Cia402Drives, DriveSetup, Setups, Wire, WireAnswer};
 pub use page_wire::PageWire;
+pub use signal_places::{SignalDevice, SignalPlace, SignalPlaces};
+pub use signals::TerminalSetup;
 pub use state_walk::{DeviceState, StateWalk, Want};
 pub(crate) use units::Units;

@@ -19,9 +19,11 @@
 pub mod cia402;
 pub mod drive_file;
 pub mod drives;
+pub mod field;
 pub mod link;
 pub mod master_process;
 pub mod process;
 pub mod process_data;
 pub mod setups;
 pub mod start_up;
+pub mod terminal_file;

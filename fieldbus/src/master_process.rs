@@ -31,7 +31,7 @@ pub fn run<P: MasterPorts<Error = MasterError>>(
     let period = Duration::from_micros(machine.scan.period_us.into());
     let wire = PageWire::new(page, options.slot.pace, period, options.answer_limit);
     wire.await_start(START_LIMIT);
-    let drives = Cia402Drives::new(machine, &setups.drives, wire)
+    let drives = Cia402Drives::new(machine, &setups, wire)
         .context("a drive file lacks controlword, statusword or position")?;
     master::run(options, "master", machine, drives, decorate)?;
     DrivePage::open(&place)?.set_left();

@@ -41,6 +41,7 @@ pub fn run(options: &Options) -> anyhow::Result<()> {
     let plan = SegmentPlan {
         bus: bus.clone(),
         drives: setups.drives,
+        terminals: setups.terminals,
         axes: machine.axes.iter().map(|axis| axis.name.clone()).collect(),
         period_us: machine.scan.period_us,
         pace: options.slot.pace,

@@ -4,11 +4,12 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 
 use crate::cia402::{self, OperatingMode};
+use crate::field::Field;
 
 /// A process data object to exchange, and what is in it.
 #[derive(Debug, Clone, PartialEq, Eq, Deserialize, JsonSchema)]
 pub struct Pdo {
-    /// Its index: 0x1600 to 0x17FF of what the drive receives, 0x1A00 to 0x1BFF of what it transmits.
+    /// Its index: 0x1600 to 0x17FF of what the device receives, 0x1A00 to 0x1BFF of what it transmits.
     #[schemars(extend("minimum" = 0x1600, "maximum" = 0x1BFF))]
     pub index: u16,
     /// Its entries, in the order of their bits.
@@ -28,7 +29,7 @@ pub struct Entry {
     /// Its size.
     #[schemars(extend("unit" = "bits", "minimum" = 1, "maximum" = 65_536))]
     pub bits: u32,
-    /// What is sent where the controller has no command for the object: a torque limit, say. In what the drive transmits it means
+    /// What is sent where the controller has no command for the object: a torque limit, say. In what the device transmits it means
     /// nothing.
     #[schemars(extend("minimum" = -2_147_483_648_i64, "maximum" = 4_294_967_295_i64, "default" = 0))]
     pub value: i64,
@@ -82,6 +83,20 @@ pub fn find(pdos: &[Pdo], index: u16, sub: u8) -> Option<(u32, Entry)> {
         at_bits = at_bits.saturating_add(entry.bits);
     }
     None
+}
+
+/// What is sent where there is no command: fields of what the device receives, and their values.
+pub fn constants(receive: &[Pdo]) -> Vec<(Field, i64)> {
+    let mut at_bits = 0;
+    let mut constants = Vec::new();
+    for entry in receive.iter().flat_map(|pdo| &pdo.entries) {
+        let bits = entry.bits;
+        if !entry.is_gap() && entry.value != 0 && bits <= 32 {
+            constants.push((Field { at_bits, bits }, entry.value));
+        }
+        at_bits += bits as usize;
+    }
+    constants
 }
 
 /// Which of these objects (sub-index 0) are not there.

@@ -1,4 +1,4 @@
-//! The drive files of a machine, read and judged together with it.
+//! The drive and terminal files of a machine, read and judged together with it.
 
 use std::path::Path;
 
@@ -7,29 +7,24 @@ use machine::{Axis, DriveMode, HomingMethod, Machine};
 
 use crate::cia402::{self, OperatingMode};
 use crate::drive_file::{self, DriveFile};
-use crate::drives::{DriveSetup, Units};
+pub use crate::drives::Setups;
+use crate::drives::{DriveSetup, SignalDevice, SignalPlaces, TerminalSetup, Units};
 use crate::process_data;
+use crate::terminal_file::{self, Channel, ChannelDirection};
 
-/// Drive files of a machine with a fieldbus, and what to know of them.
-#[derive(Debug, Clone)]
-pub struct Setups {
-    /// By axis.
-    pub drives: Vec<DriveSetup>,
-    /// Warnings, a line each.
-    pub warnings: Vec<String>,
-}
-
-/// Reads the drive files of a machine whose file is this; none without `[bus]`.
+/// Reads the drive and terminal files of a machine whose file is this; none without `[bus]`.
 ///
 /// # Errors
 /// A file that cannot be used, or does not go with the machine file: one line for each thing.
 pub fn load(machine: &Machine, machine_file: &Path) -> anyhow::Result<Option<Setups>> {
-    if machine.bus.is_none() {
+    let Some(bus) = &machine.bus else {
         return Ok(None);
-    }
+    };
     let folder = machine_file.parent().unwrap_or(Path::new(""));
     let mut setups = Setups {
         drives: Vec::new(),
+        terminals: Vec::new(),
+        signals: SignalPlaces::default(),
         warnings: Vec::new(),
     };
     let shown = machine_file.display();
@@ -81,7 +76,74 @@ pub fn load(machine: &Machine, machine_file: &Path) -> anyhow::Result<Option<Set
             drive,
         });
     }
+    for terminal in &bus.terminals {
+        setups.terminals.push(TerminalSetup {
+            terminal: terminal_file::load(&folder.join(&terminal.file), |_, _| ())?,
+            slave: terminal.slave as usize,
+        });
+    }
+    let signals = SignalPlaces::of(machine, &setups.drives, &setups.terminals);
+    setups.signals = signals.with_context(|| shown.to_string())?;
     Ok(Some(setups))
+}
+
+impl Setups {
+    /// What a machine has at each place on the cable, and which signals that carries: a line each, in the order of the cable.
+    pub fn places_in_words(&self, machine: &Machine) -> Vec<(usize, String)> {
+        let axes = self.drives.iter().zip(&machine.axes).enumerate();
+        let mut places: Vec<(usize, String)> = axes
+            .map(|(index, (drive, axis))| {
+                let name = &drive.drive.identity.name;
+                let signals = self.signals_in_words(machine, SignalDevice::Drive(index));
+                (drive.slave, format!("axis {}, {name}{signals}", axis.name))
+            })
+            .collect();
+        for (index, terminal) in self.terminals.iter().enumerate() {
+            let file = &terminal.terminal;
+            let is_input = |of: &&Channel| of.direction == ChannelDirection::Input;
+            let inputs = file.channels.iter().filter(is_input).count();
+            let outputs = file.channels.len() - inputs;
+            let signals = self.signals_in_words(machine, SignalDevice::Terminal(index));
+            let name = &file.identity.name;
+            let words = format!("terminal {name}, {inputs} inputs and {outputs} outputs{signals}");
+            places.push((terminal.slave, words));
+        }
+        let others = machine.bus.iter().flat_map(|bus| &bus.other_slaves);
+        places.extend(others.map(|place| (*place as usize, "left alone".into())));
+        places.sort();
+        places
+    }
+
+    /// The signals of a device: `: door from channel 2, pump to channel 9`.
+    fn signals_in_words(&self, machine: &Machine, device: SignalDevice) -> String {
+        let mut words = Vec::new();
+        let both = [
+            (&self.signals.inputs, "from"),
+            (&self.signals.outputs, "to"),
+        ];
+        for (places, way) in both {
+            for place in places.iter().filter(|place| place.device == device) {
+                let Some(signal) = machine.signals.get(place.signal) else {
+                    continue;
+                };
+                let to = signal.to.clone().unwrap_or_default();
+                let (bit, channel) = match way {
+                    "from" => (signal.from.bit, signal.from.channel),
+                    _ => (to.bit, to.channel),
+                };
+                let (what, number) = match device {
+                    SignalDevice::Drive(_) => ("bit", bit),
+                    SignalDevice::Terminal(_) => ("channel", channel),
+                };
+                let at = format!("{what} {}", number.unwrap_or_default());
+                words.push(format!("{} {way} {at}", signal.name));
+            }
+        }
+        match words.is_empty() {
+            true => String::new(),
+            false => format!(": {}", words.join(", ")),
+        }
+    }
 }
 
 /// Inputs of the drive that are inputs of the machine come in each cycle.
@@ -104,7 +166,7 @@ fn judge_brake(axis: &Axis, drive: &DriveFile) -> anyhow::Result<()> {
         return Ok(());
     }
     let (name, receive) = (&axis.name, &drive.process_data.receive);
-    match process_data::find(receive, cia402::PHYSICAL_OUTPUTS, 1) {
+    match process_data::find(receive, cia402::DIGITAL_OUTPUTS, 1) {
         None => bail!(
             "axis {name}: brake.by = \"controller\" needs 60FE:1 (physical outputs) in process_data.receive of its drive file, and the \
              mask of its bit 0 in 60FE:2; most drives open the brake themselves: \"drive\""

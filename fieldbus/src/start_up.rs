@@ -36,10 +36,36 @@ pub use segment::start_up;
 use bus::member::Pace;
 use machine::Fieldbus;
 
-use crate::drives::DriveSetup;
+use crate::drive_file::Identity;
+use crate::drives::{DriveSetup, TerminalSetup};
 
 /// Whether this program was built with EtherCAT.
 pub const BUILT: bool = cfg!(feature = "ethercat");
+
+/// What messages call the file of a device, where the machine file names it, and the command that makes it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct FileWords {
+    /// The device.
+    pub device: &'static str,
+    /// Its table in the machine file.
+    pub table: &'static str,
+    /// The command.
+    pub command: &'static str,
+}
+
+/// Of a drive.
+const DRIVE_FILE: FileWords = FileWords {
+    device: "drive",
+    table: "[axis.drive]",
+    command: "quadrant bus drive-file",
+};
+
+/// Of a terminal.
+const TERMINAL_FILE: FileWords = FileWords {
+    device: "terminal",
+    table: "[[bus.terminal]]",
+    command: "quadrant bus io-file",
+};
 
 /// What a segment is to be.
 #[derive(Debug, Clone)]
@@ -48,6 +74,8 @@ pub struct SegmentPlan {
     pub bus: Fieldbus,
     /// The drives, by axis.
     pub drives: Vec<DriveSetup>,
+    /// The terminals.
+    pub terminals: Vec<TerminalSetup>,
     /// Letters of the axes.
     pub axes: Vec<String>,
     /// Scan period, in µs.
@@ -70,14 +98,31 @@ impl SegmentPlan {
 
     /// How many slaves there are to be.
     pub fn slave_count(&self) -> usize {
-        self.drives.len() + self.bus.other_slaves.len()
+        self.drives.len() + self.terminals.len() + self.bus.other_slaves.len()
+    }
+
+    /// The terminal at a place on the cable.
+    pub fn terminal_at(&self, slave: usize) -> Option<&TerminalSetup> {
+        self.terminals
+            .iter()
+            .find(|terminal| terminal.slave == slave)
+    }
+
+    /// The slaves that have a file: their places, who they are, and what their file is called.
+    pub fn described(&self) -> impl Iterator<Item = (usize, &Identity, FileWords)> {
+        let drives = self.drives.iter();
+        let drives = drives.map(|of| (of.slave, &of.drive.identity, DRIVE_FILE));
+        let terminals = self.terminals.iter();
+        drives.chain(terminals.map(|of| (of.slave, &of.terminal.identity, TERMINAL_FILE)))
     }
 
     /// A slave as messages name it.
     pub fn name(&self, slave: usize) -> String {
-        match self.axis_at(slave).and_then(|axis| self.axes.get(axis)) {
-            Some(letter) => format!("axis {letter} (place {slave} on the cable)"),
-            None => format!("place {slave} on the cable"),
+        let axis = self.axis_at(slave).and_then(|axis| self.axes.get(axis));
+        match (axis, self.terminal_at(slave)) {
+            (Some(letter), _) => format!("axis {letter} (place {slave} on the cable)"),
+            (None, Some(_)) => format!("terminal {slave} (place {slave} on the cable)"),
+            (None, None) => format!("place {slave} on the cable"),
         }
     }
 }

@@ -133,7 +133,7 @@ fn a_cycle_allocates_nothing() {
     let machine = Machine::load(&folder).expect("machine.toml");
     let setups = setups::load(&machine, &folder.join("machine.toml"));
     let setups = setups.expect("drive files").expect("[bus]");
-    let drives = Cia402Drives::new(&machine, &setups.drives, Loop::new());
+    let drives = Cia402Drives::new(&machine, &setups, Loop::new());
     let mut drives = drives.expect("drives");
     let velocity = DriveCommand::Velocity {
         velocity_mm_s: 12.5,

@@ -109,7 +109,7 @@ fn drives(folder: &TempDir, wire: Shows) -> Cia402Drives<Shows> {
     let machine = Machine::load(folder.path()).expect("machine.toml");
     let setups = setups::load(&machine, &folder.path().join("machine.toml"));
     let setups = setups.expect("drive files").expect("[bus]");
-    let mut drives = Cia402Drives::new(&machine, &setups.drives, wire).expect("drives");
+    let mut drives = Cia402Drives::new(&machine, &setups, wire).expect("drives");
     drives.exchange(&[DriveCommand::Disabled; 3]);
     drives
 }

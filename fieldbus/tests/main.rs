@@ -1,3 +1,4 @@
 //! Drives on a bus, seen from outside.
 
 mod inputs;
+mod terminals;

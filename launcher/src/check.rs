@@ -23,6 +23,8 @@ pub struct Checked {
     pub machine: Machine,
     /// The simulated machine; none where the drives are on a fieldbus.
     pub plant: Option<PlantFile>,
+    /// What is at each place on the cable, and which signals that carries; nothing where the drives are simulated.
+    pub places: Vec<(usize, String)>,
     /// What drive files give to think about, a line each.
     pub warnings: Vec<String>,
     /// The program, expanded from where the simulated machine is at the start; none of a long one.
@@ -119,9 +121,13 @@ pub fn load_changed(
     if let Some(program) = &short {
         all_arrives(&machine, program)?;
     }
+    let places = setups
+        .as_ref()
+        .map_or_else(Vec::new, |setups| setups.places_in_words(&machine));
     let checked = Checked {
         machine,
         plant,
+        places,
         warnings: setups.map_or_else(Vec::new, |setups| setups.warnings),
         program: short,
         long,

@@ -18,9 +18,23 @@ pub struct Fieldbus {
     /// A second process stands by to take the bus over within a scan when the first one dies.
     #[schemars(extend("default" = false))]
     pub standby: bool,
-    /// Places on the cable, from 0, of devices that are no drive of an axis; they are started and left alone.
+    /// Places on the cable, from 0, of devices that are neither a drive of an axis nor a terminal; they are started and left alone.
     #[schemars(length(max = 15), extend("default" = []), inner(range(min = 0, max = 15)))]
     pub other_slaves: Vec<u32>,
+    /// A terminal: a device with inputs and outputs that [signals](../howto/terminals.md) are.
+    #[serde(rename = "terminal")]
+    #[schemars(length(max = 15), extend("default" = []))]
+    pub terminals: Vec<Terminal>,
+}
+
+/// A terminal.
+#[derive(Debug, Clone, PartialEq, Eq, Deserialize, JsonSchema)]
+pub struct Terminal {
+    /// Its place on the cable, from 0.
+    #[schemars(extend("minimum" = 0, "maximum" = 15))]
+    pub slave: u32,
+    /// Its [terminal file](terminal-file.md), a path below the folder of this file.
+    pub file: String,
 }
 
 /// When drives act.

@@ -53,13 +53,16 @@ impl Machine {
         (!name.is_empty()).then(|| folder.join(name))
     }
 
-    /// Copies the drive files of its axes from the folder of its file into another.
+    /// Copies its drive and terminal files from the folder of its file into another.
     ///
     /// # Errors
     /// A file that cannot be copied.
     pub fn copy_drive_files(&self, from: &Path, to: &Path) -> Result<(), SettingsFileError> {
-        for drive in self.axes.iter().filter_map(|axis| axis.drive.as_ref()) {
-            copy_file(&from.join(&drive.file), &to.join(&drive.file))?;
+        let drives = self.axes.iter().filter_map(|axis| axis.drive.as_ref());
+        let terminals = self.bus.iter().flat_map(|bus| &bus.terminals);
+        let files = drives.map(|drive| &drive.file);
+        for file in files.chain(terminals.map(|terminal| &terminal.file)) {
+            copy_file(&from.join(file), &to.join(file))?;
         }
         Ok(())
     }

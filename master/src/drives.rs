@@ -237,6 +237,10 @@ pub trait Drives {
     /// commanded so.
     fn command_signals(&mut self, _values: &[f64]) {}
 
+    /// Somebody wants the drives on, and inputs do not allow it: their devices, if they are lost, are looked for again, as long as
+    /// nothing is driven.
+    fn want_back(&mut self) {}
+
     /// How much too late the last exchange was for the clock that the drives share, in ns; 0 where they have none. The clock of the
     /// scans follows it.
     fn exchanged_late_ns(&self) -> i64 {

@@ -1,12 +1,17 @@
 //! `quadrant bus scan`: who is on a segment, for people and for scripts.
 
+use std::path::Path;
 use std::rc::Rc;
+
+use anyhow::Context;
 
 use bus::drive_codes::{al_state, al_status};
 use fieldbus::cia402;
 use fieldbus::link::Socket;
 use fieldbus::process::claim::Claim;
+use fieldbus::setups;
 use fieldbus::start_up::{self, FoundPdo, FoundSlave, StartUpError};
+use machine::{Machine, machine_file};
 use serde::Serialize;
 
 use crate::options::BusScanOptions;
@@ -23,6 +28,7 @@ const NAME_LETTERS: usize = 18;
 /// # Errors
 /// The interface cannot be used, is used by a cell, or nobody answers.
 pub fn scan(options: &BusScanOptions) -> Outcome {
+    let places = options.machine.as_deref().map(places).transpose().input()?;
     let (_claim, socket) = open(&options.interface)?;
     let slaves = start_up::scan(&socket).environment()?;
     if options.json {
@@ -30,7 +36,23 @@ pub fn scan(options: &BusScanOptions) -> Outcome {
     } else {
         say(&text(&options.interface, &slaves));
     }
+    for line in places.unwrap_or_default() {
+        say(&line);
+    }
     Ok(())
+}
+
+/// What a machine has at each place on the cable, after an empty line.
+fn places(machine: &Path) -> anyhow::Result<Vec<String>> {
+    let file = machine_file(machine);
+    let machine = Machine::load(&file)?;
+    let setups = setups::load(&machine, &file)?;
+    let setups = setups.with_context(|| format!("{}: has no [bus]", file.display()))?;
+    let mut lines = vec![String::new(), format!("As {} has it:", file.display())];
+    for (place, words) in setups.places_in_words(&machine) {
+        lines.extend(wrapped("  ", &format!("place {place}: {words}")));
+    }
+    Ok(lines)
 }
 
 /// Opens an interface that no cell drives.

@@ -34,6 +34,9 @@ pub fn check(options: &CheckOptions) -> Outcome {
         machine.scan.period_us,
         machine.scan.interpolation_period_scans
     ));
+    for (place, words) in &checked.places {
+        say(&format!("  place {place} on the cable: {words}"));
+    }
     print_remarks(&checked);
     if checked.program.is_some() {
         let each = |_: &PathPart, _: &PlannedSetpoint| ControlFlow::Continue(());

@@ -1,16 +1,18 @@
-//! `quadrant bus`, and of it `drive-file` and `check`: drive files, made of a vendor's ESI file and checked against it.
+//! `quadrant bus`, and of it `drive-file`, `io-file` and `check`: drive and terminal files, made of a vendor's ESI file and checked
+//! against it.
 
 use std::fs::{self, OpenOptions};
 use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, anyhow};
-use esi::{Choice, Device, Esi, choose};
+use esi::{Device, Esi, choose, choose_terminal};
 use fieldbus::cia402::OperatingMode;
-use fieldbus::drive_file::{self, DriveFile};
-use fieldbus::process_data;
+use fieldbus::drive_file::{self, DriveFile, Identity};
+use fieldbus::process_data::{self, Pdo};
+use fieldbus::terminal_file::{self, TerminalFile};
 
-use crate::options::{BusCheckOptions, BusCommand, BusOptions, DriveFileOptions};
+use crate::options::{BusCheckOptions, BusCommand, BusOptions, DriveFileOptions, IoFileOptions};
 use crate::{bus_scan, bus_sdo};
 use console::exit::{Kind, Outcome};
 use console::output::say;
@@ -25,6 +27,7 @@ const NAME_LETTERS_MAX: usize = 40;
 pub fn bus(options: &BusOptions) -> Outcome {
     match &options.command {
         BusCommand::DriveFile(options) => make(options),
+        BusCommand::IoFile(options) => make_terminal(options),
         BusCommand::Check(options) => check(options),
         BusCommand::Scan(options) => bus_scan::scan(options),
         BusCommand::Sdo(options) => bus_sdo::sdo(options),
@@ -32,68 +35,115 @@ pub fn bus(options: &BusOptions) -> Outcome {
 }
 
 fn make(options: &DriveFileOptions) -> Outcome {
-    let esi = Esi::load(&options.esi).input()?;
-    let choice = Choice {
-        product: options.product.as_deref(),
-        revision: options.revision,
-    };
-    let device = choose(&esi, choice).input()?;
+    let esi = Esi::load(&options.of.esi).input()?;
+    let device = choose(&esi, options.of.choice(None)).input()?;
     let mut modes = OperatingMode::ALL.into_iter();
     let mode = options
         .mode
         .as_deref()
         .and_then(|word| modes.find(|mode| mode.word() == word));
     let made = esi::from_esi(&esi, device, mode).input()?;
-    let path = options.out.clone().unwrap_or_else(|| default_path(device));
+    let path = options
+        .of
+        .out
+        .clone()
+        .unwrap_or_else(|| default_path("drives", device));
     write_new(&path, &esi::write(&made.drive, device))?;
     let shown = path.display();
     let drive = &made.drive;
     let words = made.mapping_words();
-    say(&format!("{shown}: {}, {words}", in_words(drive)));
+    say(&format!("{shown}: {}, {words}", drive_words(drive)));
     for warning in &made.warnings {
         say(&format!("  warning: {warning}"));
     }
     say(&format!(
         "Fill in [scaling], then: quadrant bus check {shown} --esi {}",
-        options.esi.display()
+        options.of.esi.display()
+    ));
+    Ok(())
+}
+
+fn make_terminal(options: &IoFileOptions) -> Outcome {
+    let esi = Esi::load(&options.of.esi).input()?;
+    let device = choose_terminal(&esi, options.of.choice(options.device)).input()?;
+    let made = esi::terminal_from_esi(&esi, device).input()?;
+    let path = options.of.out.clone();
+    let path = path.unwrap_or_else(|| default_path("terminals", device));
+    let text = esi::write_terminal(&made, device);
+    let shown = path.display();
+    write_new(&path, &text)?;
+    say(&format!("{shown}: {}", terminal_words(&made)));
+    for channel in &made.channels {
+        let (number, name) = (channel.number, &channel.name);
+        let (way, kind) = (channel.direction.word(), channel.kind.word());
+        say(&format!("  channel {number:3}  {way:6}  {kind:7}  {name}"));
+    }
+    say(&format!(
+        "In machine.toml: [[bus.terminal]] with slave = its place on the cable and file = \"{shown}\""
     ));
     Ok(())
 }
 
 fn check(options: &BusCheckOptions) -> Outcome {
     let esi = options.esi.as_deref().map(Esi::load).transpose().input()?;
-    let judged = drive_file::load(&options.drive, |all, drive| {
-        if let Some(esi) = &esi {
-            esi::judge(all, drive, esi);
-        }
-    });
-    let judged = judged.input()?;
-    let shown = options.drive.display();
+    let text = machine::settings_file::read_text(&options.file).input()?;
+    let mut lines = text.lines();
+    let (words, warnings) = if lines.any(|line| line.trim_start().starts_with("[[channel]]")) {
+        let judged = terminal_file::load(&options.file, |all, terminal| {
+            if let Some(esi) = &esi {
+                esi::judge_terminal(all, terminal, esi);
+            }
+        });
+        (terminal_words(&judged.input()?), Vec::new())
+    } else {
+        let judged = drive_file::load(&options.file, |all, drive| {
+            if let Some(esi) = &esi {
+                esi::judge(all, drive, esi);
+            }
+        });
+        let judged = judged.input()?;
+        (drive_words(&judged.drive), judged.warnings)
+    };
+    let shown = options.file.display();
     let fits = esi.map_or(String::new(), |esi| format!(", fits {}", esi.file));
-    say(&format!("{shown}: {}{fits}: good", in_words(&judged.drive)));
-    for warning in &judged.warnings {
+    say(&format!("{shown}: {words}{fits}: good"));
+    for warning in &warnings {
         say(&format!("  warning: {warning}"));
     }
     Ok(())
 }
 
-/// A drive in one line.
-fn in_words(drive: &DriveFile) -> String {
-    let identity = &drive.identity;
-    let data = &drive.process_data;
+/// A device in one line.
+fn in_words(of: &Identity, more: &str, receive: &[Pdo], transmit: &[Pdo]) -> String {
+    let (name, product, revision) = (&of.name, of.product_code, of.revision);
+    let (to, from) = (process_data::bytes(receive), process_data::bytes(transmit));
     format!(
-        "{} (product 0x{:08X}, revision 0x{:08X}), mode {}, {} bytes to it and {} from it",
-        identity.name,
-        identity.product_code,
-        identity.revision,
-        drive.mode.operate.word(),
-        process_data::bytes(&data.receive),
-        process_data::bytes(&data.transmit)
+        "{name} (product 0x{product:08X}, revision 0x{revision:08X}), {more}, {to} bytes to it and {from} from it"
     )
 }
 
-/// `drives/NAME.toml`, of the drive's short name.
-fn default_path(device: &Device) -> PathBuf {
+fn drive_words(drive: &DriveFile) -> String {
+    let (mode, data) = (drive.mode.operate.word(), &drive.process_data);
+    in_words(
+        &drive.identity,
+        &format!("mode {mode}"),
+        &data.receive,
+        &data.transmit,
+    )
+}
+
+fn terminal_words(terminal: &TerminalFile) -> String {
+    let (count, data) = (terminal.channels.len(), &terminal.process_data);
+    in_words(
+        &terminal.identity,
+        &format!("{count} channels"),
+        &data.receive,
+        &data.transmit,
+    )
+}
+
+/// `drives/NAME.toml`, of the device's short name.
+fn default_path(folder: &str, device: &Device) -> PathBuf {
     let mut name = String::new();
     for letter in device.type_name.chars() {
         if letter.is_ascii_alphanumeric() {
@@ -104,8 +154,8 @@ fn default_path(device: &Device) -> PathBuf {
     }
     name.truncate(NAME_LETTERS_MAX);
     let name = name.trim_end_matches('-');
-    let name = if name.is_empty() { "drive" } else { name };
-    Path::new("drives").join(format!("{name}.toml"))
+    let name = if name.is_empty() { "device" } else { name };
+    Path::new(folder).join(format!("{name}.toml"))
 }
 
 /// Writes a file that is not there yet: one that is may have been filled in.
@@ -149,11 +199,11 @@ mod tests {
                 type_name: type_name.to_string(),
                 ..Device::default()
             };
-            default_path(&device).display().to_string()
+            default_path("drives", &device).display().to_string()
         };
         assert_eq!(of("EVS-NET-01"), "drives/evs-net-01.toml");
         assert_eq!(of("CiA402 Motor (Drive)"), "drives/cia402-motor-drive.toml");
         assert_eq!(of("../../etc"), "drives/etc.toml");
-        assert_eq!(of("驱动"), "drives/drive.toml");
+        assert_eq!(of("驱动"), "drives/device.toml");
     }
 }

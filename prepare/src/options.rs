@@ -67,7 +67,9 @@ pub struct BusOptions {
 pub enum BusCommand {
     /// Make a drive file from the ESI file of a drive's vendor
     DriveFile(DriveFileOptions),
-    /// Check a drive file by itself and, if given, against the vendor's ESI file
+    /// Make a terminal file from the ESI file of a device with inputs and outputs
+    IoFile(IoFileOptions),
+    /// Check a drive or terminal file by itself and, if given, against the vendor's ESI file
     Check(BusCheckOptions),
     /// Who is on a segment: names, numbers, states, process data
     Scan(BusScanOptions),
@@ -81,6 +83,17 @@ pub enum BusCommand {
     after_help = "The ESI file (EtherCAT slave information, XML) comes from the vendor of the drive. From it to a drive file that is good:\n  quadrant bus drive-file Vendor_Drive.xml --out drives/x.toml\n  (fill in what is marked FILL IN in drives/x.toml)\n  quadrant bus check drives/x.toml --esi Vendor_Drive.xml\n\nWhere the file describes several drives they are listed, with what to write for each. Nothing that is there is overwritten. Exit status 2: no drive file can be made, as is printed."
 )]
 pub struct DriveFileOptions {
+    /// Of which device.
+    #[command(flatten)]
+    pub of: EsiOptions,
+    /// Mode of operation [default: the first of csv, cst and csp that the drive can be driven in]
+    #[arg(long, value_parser = ["csv", "cst", "csp"])]
+    pub mode: Option<String>,
+}
+
+/// What names a device of an ESI file, and the file that is made of it.
+#[derive(Debug, Clone, Args)]
+pub struct EsiOptions {
     /// The vendor's ESI file
     pub esi: PathBuf,
     /// Product code (0x00030924 or decimal), or a part of the name, where the file describes several
@@ -89,12 +102,34 @@ pub struct DriveFileOptions {
     /// Revision (0x00010420 or decimal), where the file describes several
     #[arg(long, value_name = "NUMBER", value_parser = whole_32)]
     pub revision: Option<u32>,
-    /// Mode of operation [default: the first of csv, cst and csp that the drive can be driven in]
-    #[arg(long, value_parser = ["csv", "cst", "csp"])]
-    pub mode: Option<String>,
-    /// Drive file to write [default: drives/NAME.toml, by the name of the drive]
+    /// File to write [default: drives/NAME.toml, or terminals/NAME.toml, by the name of the device]
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
+}
+
+impl EsiOptions {
+    /// It, and which in the file, from 1.
+    pub fn choice(&self, device: Option<usize>) -> esi::Choice<'_> {
+        esi::Choice {
+            product: self.product.as_deref(),
+            revision: self.revision,
+            device,
+        }
+    }
+}
+
+/// What `quadrant bus io-file` takes.
+#[derive(Debug, Clone, Args)]
+#[command(
+    after_help = "A terminal is a device with digital or analogue inputs and outputs, or counters, and no motor. From the vendor's ESI file to signals of a machine:\n  quadrant bus io-file Vendor_IO.xml --out terminals/x.toml\n  (in machine.toml: [[bus.terminal]] with slave = 3 and file = \"terminals/x.toml\"; [[signal]] with from = { terminal = 3, channel = 1 })\n  quadrant check MACHINE\n\nChannels are numbered in the order of the process data, inputs first. Where the file describes several devices they are listed, with what to write for each. Nothing that is there is overwritten. Exit status 2: no terminal file can be made, as is printed."
+)]
+pub struct IoFileOptions {
+    /// Of which device.
+    #[command(flatten)]
+    pub of: EsiOptions,
+    /// Which device of the file, from 1, where it describes several
+    #[arg(long, value_name = "N")]
+    pub device: Option<usize>,
 }
 
 /// What `quadrant bus check` takes.
@@ -103,8 +138,8 @@ pub struct DriveFileOptions {
     after_help = "Everything that is wrong is printed, a line each, with what to do; what may not be meant so is a warning. No drive need be there:\n  quadrant bus check drives/x.toml\n  quadrant bus check drives/x.toml --esi Vendor_Drive.xml\n\nExit status 2: something is wrong."
 )]
 pub struct BusCheckOptions {
-    /// The drive file
-    pub drive: PathBuf,
+    /// The drive file, or terminal file
+    pub file: PathBuf,
     /// The vendor's ESI file
     #[arg(long, value_name = "FILE")]
     pub esi: Option<PathBuf>,
@@ -113,11 +148,14 @@ pub struct BusCheckOptions {
 /// What `quadrant bus scan` takes.
 #[derive(Debug, Clone, Args)]
 #[command(
-    after_help = "INTERFACE is a network interface of this PC that goes to the IN port of the first drive, and to nothing else (`ip link` lists them):\n  quadrant bus scan eth1\n  quadrant bus scan eth1 --json\n\nSlaves are listed in the order of the cable: `place` is what `slave` in [axis.drive] of the machine file counts from 0. `vendor`, `product` and `revision` are what [identity] of a drive file has to say, process data what [process_data] has to say. `profile` is 402 with drives of CiA 402. `clocks` says whether sync = \"dc\" is possible.\n\nNothing is enabled. All slaves go to PRE-OP and stay there; a drive that somebody else drives at that time stops by its own reaction. While a cell of quadrant drives the segment, the scan is refused.\n\nExit status 3: no such interface, it is off or has no link, no right to open raw sockets, a cell drives it, or nobody answers."
+    after_help = "INTERFACE is a network interface of this PC that goes to the IN port of the first drive, and to nothing else (`ip link` lists them):\n  quadrant bus scan eth1\n  quadrant bus scan eth1 --json\n  quadrant bus scan eth1 --machine machines/mine\n\nSlaves are listed in the order of the cable: `place` is what `slave` in [axis.drive] of the machine file counts from 0. `vendor`, `product` and `revision` are what [identity] of a drive file has to say, process data what [process_data] has to say. `profile` is 402 with drives of CiA 402. `clocks` says whether sync = \"dc\" is possible.\n\nNothing is enabled. All slaves go to PRE-OP and stay there; a drive that somebody else drives at that time stops by its own reaction. While a cell of quadrant drives the segment, the scan is refused.\n\nExit status 3: no such interface, it is off or has no link, no right to open raw sockets, a cell drives it, or nobody answers."
 )]
 pub struct BusScanOptions {
     /// The network interface
     pub interface: String,
+    /// Say what this machine has at each place, and which signals that carries
+    #[arg(long, value_name = "MACHINE", conflicts_with = "json")]
+    pub machine: Option<PathBuf>,
     /// Print JSON
     #[arg(long)]
     pub json: bool,

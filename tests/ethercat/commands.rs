@@ -5,7 +5,7 @@ use std::process::Output;
 use serde_json::Value;
 
 use crate::segment::{MASTER, Network, enabled_steps, machine};
-use crate::support::{dead_time_line, dead_time_of, quadrant, unique_cell};
+use crate::support::{dead_time_line, dead_time_of, unique_cell};
 
 fn stdout(output: &Output) -> String {
     let errors = String::from_utf8_lossy(&output.stderr);

@@ -34,10 +34,10 @@ pub struct DriveFile {
     pub sync_modes: Vec<SyncMode>,
 }
 
-/// Which drive this is.
+/// Which device this is.
 #[derive(Debug, Clone, PartialEq, Eq, Deserialize, JsonSchema)]
 pub struct Identity {
-    /// Number of the vendor; 0 of drives that are software.
+    /// Number of the vendor; 0 of devices that are software.
     #[schemars(extend("minimum" = 0, "maximum" = 0xFFFF_FFFF_u32))]
     pub vendor: u32,
     /// Name of the vendor, for messages.
@@ -49,7 +49,7 @@ pub struct Identity {
     /// Revision.
     #[schemars(extend("minimum" = 0, "maximum" = 0xFFFF_FFFF_u32))]
     pub revision: u32,
-    /// Name of the drive, for messages.
+    /// Name of the device, for messages.
     #[schemars(extend("default" = ""))]
     pub name: String,
 }

@@ -6,7 +6,7 @@ use crate::cia402::{self, DriveMode, Effect, OperatingMode, OptionCode};
 use crate::drive_file::keys::{DriveFile, ManagerPurpose, Mapping, ProcessData};
 use crate::process_data::{self, Pdo};
 
-/// What the drive receives begins here, and ends before what it transmits.
+/// What a device transmits begins here; what it receives ends before.
 const TRANSMIT_FIRST: u16 = 0x1A00;
 
 /// Bit of a sync manager's control byte that lets it trigger the watchdog (ETG.1000.4).
@@ -137,17 +137,20 @@ fn judge_process_data(rules: &mut Rules<'_>, drive: &DriveFile) {
         }
         judge_limits(rules, &direction);
         for (at, pdo) in direction.pdos.iter().enumerate() {
-            let transmits = pdo.index >= TRANSMIT_FIRST;
-            if transmits != (direction.key == "transmit") {
-                let what = format!(
-                    "= 0x{:04X}: PDOs that a drive receives are 0x1600 to 0x17FF, those that it transmits 0x1A00 to 0x1BFF",
-                    pdo.index
-                );
+            if let Some(what) = wrong_index(direction.key, pdo) {
                 direction.say(rules, at, "index", &what);
             }
             judge_entries(rules, &direction, at);
         }
     }
+}
+
+/// What is wrong with the index of a PDO of this direction.
+pub fn wrong_index(key: &str, pdo: &Pdo) -> Option<String> {
+    let index = pdo.index;
+    ((index >= TRANSMIT_FIRST) != (key == "transmit")).then(|| {
+        format!("= 0x{index:04X}: PDOs that a device receives are 0x1600 to 0x17FF, those that it transmits 0x1A00 to 0x1BFF")
+    })
 }
 
 fn judge_limits(rules: &mut Rules<'_>, direction: &Direction<'_>) {

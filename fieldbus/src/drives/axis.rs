@@ -5,13 +5,13 @@ use machine::Axis;
 use master::{DriveCommand, DriveFeedback, DriveState};
 
 use super::cia402_drives::operates;
-use super::field::Field;
 use super::homing::DriveHoming;
 use super::position_target::PositionTarget;
 use super::state_walk::{DeviceState, QUICK_STOP, StateWalk, Want};
 use super::units::Units;
 use crate::cia402::{self, OperatingMode};
 use crate::drive_file::DriveFile;
+use crate::field::Field;
 use crate::process_data::{self, Pdo};
 
 /// Bit 11 of the statusword: a limit of the drive is active.
@@ -59,15 +59,6 @@ impl Fields {
     /// Of a drive file; none if it has no controlword, statusword or position, which its rules refuse.
     fn of(drive: &DriveFile, axis: &Axis) -> Option<Fields> {
         let (receive, transmit) = (&drive.process_data.receive, &drive.process_data.transmit);
-        let mut at_bits = 0;
-        let mut constants = Vec::new();
-        for entry in receive.iter().flat_map(|pdo| &pdo.entries) {
-            let bits = entry.bits;
-            if !entry.is_gap() && entry.value != 0 && bits <= 32 {
-                constants.push((Field { at_bits, bits }, entry.value));
-            }
-            at_bits += bits as usize;
-        }
         Some(Fields {
             controlword: field(receive, cia402::CONTROLWORD)?,
             mode: field(receive, cia402::MODE),
@@ -77,14 +68,14 @@ impl Fields {
             velocity_offset: field(receive, cia402::VELOCITY_OFFSET),
             torque_offset: field(receive, cia402::TORQUE_OFFSET),
             brake: axis.commanded_brake().and_then(|_| {
-                let (at_bits, entry) = process_data::find(receive, cia402::PHYSICAL_OUTPUTS, 1)?;
+                let (at_bits, entry) = process_data::find(receive, cia402::DIGITAL_OUTPUTS, 1)?;
                 let bits = entry.bits;
                 Some(Field {
                     at_bits: at_bits as usize,
                     bits,
                 })
             }),
-            constants,
+            constants: process_data::constants(receive),
             statusword: field(transmit, cia402::STATUSWORD)?,
             mode_display: field(transmit, cia402::MODE_DISPLAY),
             position: field(transmit, cia402::POSITION)?,

@@ -9,6 +9,8 @@ use master::{
 };
 
 use super::axis::DriveAxis;
+use super::signal_places::SignalPlaces;
+use super::signals::{DeviceSignals, TerminalSetup};
 use crate::drive_file::DriveFile;
 use crate::link::OPERATIONAL;
 
@@ -49,6 +51,19 @@ pub struct DriveSetup {
     pub following_error_increments: u32,
 }
 
+/// Drive and terminal files of a machine with a fieldbus, and what to know of them.
+#[derive(Debug, Clone)]
+pub struct Setups {
+    /// By axis.
+    pub drives: Vec<DriveSetup>,
+    /// In the order of the machine file.
+    pub terminals: Vec<TerminalSetup>,
+    /// Where signals are on the bus.
+    pub signals: SignalPlaces,
+    /// Warnings, a line each.
+    pub warnings: Vec<String>,
+}
+
 #[derive(Debug, Clone)]
 struct Axis {
     drive: DriveAxis,
@@ -63,6 +78,9 @@ struct Axis {
 pub struct Cia402Drives<W> {
     wire: W,
     axes: Vec<Axis>,
+    signals: DeviceSignals,
+    /// Something was driven in the last exchange, not off and not braked.
+    driven: bool,
     outputs: Outputs,
     inputs: Inputs,
     subsamples: usize,
@@ -88,13 +106,13 @@ const REST_MM_S: f64 = 0.5;
 
 impl<W: Wire> Cia402Drives<W> {
     /// The drives of this machine, each set up so; none if a drive file lacks what every mode needs.
-    pub fn new(machine: &Machine, setups: &[DriveSetup], wire: W) -> Option<Cia402Drives<W>> {
+    pub fn new(machine: &Machine, setups: &Setups, wire: W) -> Option<Cia402Drives<W>> {
         let scan_s = machine.scan_period_s();
         let missed_max = machine.scan.watchdog_scans;
         let axes: Option<Vec<Axis>> = machine
             .axes
             .iter()
-            .zip(setups)
+            .zip(&setups.drives)
             .map(|(axis, setup)| {
                 Some(Axis {
                     drive: DriveAxis::new(&setup.drive, axis, scan_s, missed_max)?,
@@ -107,6 +125,8 @@ impl<W: Wire> Cia402Drives<W> {
         let mut drives = Cia402Drives {
             wire,
             axes: axes?,
+            signals: DeviceSignals::new(&setups.signals, &setups.terminals, missed_max),
+            driven: false,
             outputs: Outputs::zeroed(),
             inputs: Inputs::zeroed(),
             subsamples: machine.subsamples() as usize,
@@ -146,10 +166,11 @@ impl<W: Wire> Cia402Drives<W> {
         }
     }
 
-    /// Drives that are to be switched on and do not answer need another start-up of the bus, tried now and then.
+    /// Drives that are to be switched on need everybody: if one does not answer, another start-up of the bus, tried now and then.
     fn want_lost_drives_back(&mut self, commands: &[DriveCommand]) {
         let lost = |axis: &Axis| axis.drive.shown.state.is_lost();
-        if !commands.contains(&DriveCommand::SwitchOn) || !self.axes.iter().any(lost) {
+        let any_lost = self.axes.iter().any(lost) || self.signals.any_lost();
+        if !commands.contains(&DriveCommand::SwitchOn) || !any_lost {
             self.wanted_scans = 0;
             return;
         }
@@ -166,6 +187,7 @@ impl<W: Wire> Cia402Drives<W> {
             let (image, silent) = (&mut self.outputs.image, &mut self.outputs.silent);
             axis.drive.command(command, &wiring, image, silent);
         }
+        self.signals.write(self.wire.wiring(), &mut self.outputs);
     }
 
     /// Carries the outputs there and the inputs back.
@@ -183,6 +205,13 @@ impl<W: Wire> Cia402Drives<W> {
                 WireAnswer::Down => axis.drive.lose(0),
             }
         }
+        let (axes, wiring) = (&self.axes, self.wire.wiring());
+        let is_lost = |axis: usize| {
+            let axis = axes.get(axis);
+            axis.is_none_or(|axis| axis.drive.shown.state.is_lost())
+        };
+        let came = (answer, sound);
+        self.signals.take(wiring, &self.inputs, came, is_lost);
     }
 
     /// Whether every slave that says it operates took part in the exchange of process data, by its working counter. Where one did not,
@@ -226,6 +255,9 @@ impl<W: Wire> Drives for Cia402Drives<W> {
 
     fn exchange(&mut self, commands: &[DriveCommand]) {
         self.want_lost_drives_back(commands);
+        let drives =
+            |of: &DriveCommand| !matches!(of, DriveCommand::Disabled | DriveCommand::Brake { .. });
+        self.driven = commands.iter().any(drives);
         self.command(commands);
         let before = self
             .axes
@@ -269,6 +301,21 @@ impl<W: Wire> Drives for Cia402Drives<W> {
         InputFeedback {
             digital,
             ..InputFeedback::default()
+        }
+    }
+
+    fn signal(&self, index: usize) -> Option<f64> {
+        self.signals.shown(index)
+    }
+
+    fn command_signals(&mut self, values: &[f64]) {
+        self.signals.command(values);
+    }
+
+    fn want_back(&mut self) {
+        let rests = |axis: &Axis| axis.drive.shown.velocity_mm_s.abs() < REST_MM_S;
+        if self.signals.any_lost() && !self.driven && self.axes.iter().all(rests) {
+            self.wire.start_again();
         }
     }
 
@@ -319,25 +366,28 @@ impl<W: Wire> Drives for Cia402Drives<W> {
     }
 
     fn state_bytes(&self) -> usize {
-        self.axes.len() * SAVED_BYTES
+        (self.axes.len() + self.signals.counts().count()) * SAVED_BYTES
     }
 
     fn save(&self, bytes: &mut [u8]) {
         let slots = bytes.as_chunks_mut::<SAVED_BYTES>().0;
-        for (slot, axis) in slots.iter_mut().zip(&self.axes) {
+        let axes = self.axes.iter().map(|axis| {
             let referenced = u64::from(axis.drive.homing.is_referenced());
-            let words = [axis.drive.counted as u64, referenced];
+            [axis.drive.counted as u64, referenced]
+        });
+        for (slot, words) in slots.iter_mut().zip(axes.chain(self.signals.counts())) {
             slot.copy_from_slice(bytemuck::bytes_of(&words));
         }
     }
 
     fn restore(&mut self, bytes: &[u8]) -> Result<(), StateRefused> {
-        let mut slots = bytes.as_chunks::<SAVED_BYTES>().0.iter();
+        let slots = bytes.as_chunks::<SAVED_BYTES>().0.iter();
+        let mut slots = slots.map(|slot| bytemuck::pod_read_unaligned::<[u64; 2]>(slot));
         for axis in &mut self.axes {
-            let slot = slots.next().ok_or(StateRefused)?;
-            let [counted, referenced]: [u64; 2] = bytemuck::pod_read_unaligned(slot);
+            let [counted, referenced] = slots.next().ok_or(StateRefused)?;
             axis.drive.count_from(counted as i64, referenced == 1);
         }
+        self.signals.count_from(slots);
         self.run_down();
         Ok(())
     }

@@ -1,8 +1,8 @@
 //! What is written to a slave in PRE-OP, and read back.
 
-use super::SegmentPlan;
 use super::error::StartUpError;
 use super::objects::{Source, Talk, is_missing, words};
+use super::{DRIVE_FILE, FileWords, SegmentPlan, TERMINAL_FILE};
 use crate::cia402::{self, OptionCode};
 use crate::drive_file::{DriveFile, Mapping};
 use crate::process_data::Pdo;
@@ -13,19 +13,39 @@ const WATCHDOG_DIVIDER: (u16, u16) = (0x0400, 2498);
 const PROCESS_DATA_WATCHDOG: u16 = 0x0420;
 const UNITS_PER_MS: u32 = 10;
 
-/// Writes what a slave needs before SAFE-OP; one that is no axis's drive is left as it is, but for its watchdog.
+/// Writes what a slave needs before SAFE-OP; one that the machine file leaves alone is left as it is, but for its watchdog.
 pub(super) fn configure(
     talk: &mut Talk<'_, '_, '_>,
     plan: &SegmentPlan,
     place: usize,
 ) -> Result<(), StartUpError> {
     set_watchdog(talk, plan)?;
+    if let Some(setup) = plan.terminal_at(place) {
+        let terminal = &setup.terminal;
+        let data = &terminal.process_data;
+        let assigns = terminal.mailbox.is_some_and(|mailbox| mailbox.pdo_assign);
+        let received = (data.mapping, data.receive.as_slice());
+        let sent = (data.mapping, data.transmit.as_slice());
+        map(talk, assigns, [received, sent], TERMINAL_FILE)?;
+        for sdo in &terminal.sdos {
+            talk.set(
+                (sdo.index, sdo.sub),
+                sdo.bits,
+                sdo.value,
+                Source::TerminalSdo,
+            )?;
+        }
+        return Ok(());
+    }
     let setup = plan.drives.iter().find(|setup| setup.slave == place);
     let Some(setup) = setup else {
         return Ok(());
     };
     let drive = &setup.drive;
-    map(talk, drive)?;
+    let data = &drive.process_data;
+    let received = (data.receive_mapping, data.receive.as_slice());
+    let sent = (data.transmit_mapping, data.transmit.as_slice());
+    map(talk, drive.mailbox.pdo_assign, [received, sent], DRIVE_FILE)?;
     for sdo in &drive.start_up.sdos {
         talk.set((sdo.index, sdo.sub), sdo.bits, sdo.value, Source::Sdo)?;
     }
@@ -67,18 +87,19 @@ fn set_watchdog(talk: &mut Talk<'_, '_, '_>, plan: &SegmentPlan) -> Result<(), S
 }
 
 /// Chooses the PDOs and writes their entries; what is fixed is compared.
-fn map(talk: &mut Talk<'_, '_, '_>, drive: &DriveFile) -> Result<(), StartUpError> {
-    let data = &drive.process_data;
-    let (received, sent) = (data.receive_mapping, data.transmit_mapping);
-    let both = [
-        (cia402::RECEIVE_ASSIGN, received, &data.receive),
-        (cia402::TRANSMIT_ASSIGN, sent, &data.transmit),
-    ];
-    for (assign, mapping, pdos) in both {
-        if drive.mailbox.pdo_assign || mapping == Mapping::Written {
+fn map(
+    talk: &mut Talk<'_, '_, '_>,
+    assigns: bool,
+    both: [(Mapping, &[Pdo]); 2],
+    words: FileWords,
+) -> Result<(), StartUpError> {
+    let objects = [cia402::RECEIVE_ASSIGN, cia402::TRANSMIT_ASSIGN];
+    for (assign, (mapping, pdos)) in objects.into_iter().zip(both) {
+        // Where nothing goes this way, there may be no such object.
+        if !pdos.is_empty() && (assigns || mapping == Mapping::Written) {
             assign_pdos(talk, assign, mapping, pdos)?;
         }
-        compare(talk, assign, pdos)?;
+        compare(talk, assign, pdos, words)?;
     }
     Ok(())
 }
@@ -123,10 +144,17 @@ fn assigned(talk: &mut Talk<'_, '_, '_>, assign: u16) -> Option<Vec<i64>> {
         .collect()
 }
 
-/// Whether the drive exchanges what its file says, to the bit.
-fn compare(talk: &mut Talk<'_, '_, '_>, assign: u16, pdos: &[Pdo]) -> Result<(), StartUpError> {
+/// Whether the device exchanges what its file says, to the bit.
+fn compare(
+    talk: &mut Talk<'_, '_, '_>,
+    assign: u16,
+    pdos: &[Pdo],
+    FileWords {
+        device, command, ..
+    }: FileWords,
+) -> Result<(), StartUpError> {
     let Some(there) = assigned(talk, assign) else {
-        // A drive without these objects has one fixed set of PDOs: its sizes are compared later.
+        // One without these objects, or without a mailbox, has one fixed set of PDOs: its sizes are compared later.
         return Ok(());
     };
     let list = |indices: &[i64]| {
@@ -135,10 +163,12 @@ fn compare(talk: &mut Talk<'_, '_, '_>, assign: u16, pdos: &[Pdo]) -> Result<(),
     };
     let wanted: Vec<i64> = pdos.iter().map(|pdo| pdo.index.into()).collect();
     let step = format!("comparing its process data ({assign:04X})");
-    let remedy = "make the drive file of the ESI file of this drive (`quadrant bus drive-file`), or have a look with `quadrant bus scan`";
+    let remedy = format!(
+        "make the {device} file of the ESI file of this {device} (`{command}`), or have a look with `quadrant bus scan`"
+    );
     if there != wanted {
         let what = format!(
-            "it exchanges {}, its drive file {}: {remedy}",
+            "it exchanges {}, its {device} file {}: {remedy}",
             list(&there),
             list(&wanted)
         );
@@ -151,7 +181,7 @@ fn compare(talk: &mut Talk<'_, '_, '_>, assign: u16, pdos: &[Pdo]) -> Result<(),
         };
         if count != pdo.entries.len() {
             let what = format!(
-                "{:04X} has {count} entries, in its drive file {}: {remedy}",
+                "{:04X} has {count} entries, in its {device} file {}: {remedy}",
                 pdo.index,
                 pdo.entries.len()
             );
@@ -168,7 +198,7 @@ fn compare(talk: &mut Talk<'_, '_, '_>, assign: u16, pdos: &[Pdo]) -> Result<(),
             if found.value & mask != wanted {
                 let object = cia402::number((found.value >> 16) as u16, (found.value >> 8) as u8);
                 let what = format!(
-                    "entry {place} of {:04X} is {object} of {} bits, in its drive file {}: {remedy}",
+                    "entry {place} of {:04X} is {object} of {} bits, in its {device} file {}: {remedy}",
                     pdo.index,
                     found.value & 0xFF,
                     entry.words()

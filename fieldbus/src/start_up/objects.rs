@@ -105,6 +105,8 @@ pub(super) fn is_write_only(error: Error) -> bool {
 pub(super) enum Source {
     /// `[[start_up.sdo]]` of the drive file.
     Sdo,
+    /// `[[sdo]]` of the terminal file.
+    TerminalSdo,
     /// `[process_data]` of the drive file.
     ProcessData,
     /// The scan, into 60C2.
@@ -126,6 +128,7 @@ impl Source {
                 "it has {own} bits: write bits = {own} in [[start_up.sdo]] of the drive file"
             ),
             (Source::Sdo, ..) => "change it in [[start_up.sdo]] of the drive file".into(),
+            (Source::TerminalSdo, ..) => "change it in [[sdo]] of the terminal file".into(),
             (Source::ProcessData, ..) => {
                 "this mapping cannot be written: take the PDOs as the drive has them (`quadrant bus scan` shows them), with receive_mapping and transmit_mapping = \"fixed\" in the drive file".into()
             }

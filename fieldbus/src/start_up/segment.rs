@@ -8,7 +8,6 @@ use bus::realtime::now_ns;
 use ethercrab::{MainDevice, SubDeviceGroup, SubDeviceIdentity};
 use machine::Sync;
 
-use super::SegmentPlan;
 use super::clocks::set_clocks;
 use super::configure::configure;
 use super::driver::{Driver, Storage, master};
@@ -16,6 +15,7 @@ use super::error::StartUpError;
 use super::objects::{Talk, words};
 use super::operational::into_operation;
 use super::wiring::read_wiring;
+use super::{FileWords, SegmentPlan};
 use crate::drive_file::Identity;
 use crate::link::Socket;
 
@@ -28,10 +28,10 @@ const CLOCK_FRAMES: u32 = 2000;
 /// [`StartUpError`].
 pub fn start_up(socket: &Rc<Socket>, plan: &SegmentPlan) -> Result<Wiring, StartUpError> {
     let storage = Box::new(Storage::new());
-    let longest_ms = plan.drives.iter().map(|setup| {
-        let mailbox = &setup.drive.mailbox;
-        mailbox.request_timeout_ms.max(mailbox.response_timeout_ms)
-    });
+    let of_drives = plan.drives.iter().map(|setup| setup.drive.mailbox);
+    let terminals = plan.terminals.iter();
+    let mailboxes = of_drives.chain(terminals.filter_map(|setup| setup.terminal.mailbox));
+    let longest_ms = mailboxes.map(|of| of.request_timeout_ms.max(of.response_timeout_ms));
     let mailbox = Duration::from_millis(longest_ms.max().unwrap_or(2000).into());
     let dc = plan.bus.sync == Sync::Dc;
     let clock_frames = if dc { CLOCK_FRAMES } else { 0 };
@@ -122,7 +122,7 @@ fn judge_slaves(
         let remedy = if count < expected {
             "a cable is loose or a drive is off behind the last one that answers"
         } else {
-            "name the others in `bus.other_slaves`"
+            "name the others in [[bus.terminal]], or in `bus.other_slaves`"
         };
         return Err(StartUpError::others(format!(
             "{count} slaves on the cable, {expected} in the machine file ({}): {remedy}; `quadrant bus scan {}` lists them",
@@ -135,30 +135,38 @@ fn judge_slaves(
             "{name:?} (vendor {vendor:#010x}, product {product:#010x}, revision {revision:#010x})"
         )
     };
-    for setup in &plan.drives {
-        let Some((there, name)) = found.get(setup.slave) else {
+    for (slave, is, words) in plan.described() {
+        let Some((there, name)) = found.get(slave) else {
             continue;
         };
-        let is = &setup.drive.identity;
         let same = (there.vendor_id, there.product_id) == (is.vendor, is.product_code);
         if same && there.revision == is.revision {
             continue;
         }
         // At its own place, or at one where a drive of this kind stands rightly, it is none that was taken for another.
         let elsewhere = (0..).zip(found).find(|(place, (other, _))| {
-            let rightful = plan.drives.iter().find(|setup| setup.slave == *place);
-            is_of(other, is) && rightful.is_none_or(|setup| !is_of(other, &setup.drive.identity))
+            let rightful = plan.described().find(|(slave, ..)| slave == place);
+            is_of(other, is) && rightful.is_none_or(|(_, own, _)| !is_of(other, own))
         });
+        let FileWords {
+            device,
+            table,
+            command,
+        } = words;
         let remedy = match elsewhere {
             Some((place, _)) if !same => format!(
-                "such a drive is at place {place}: connect them in the order of the machine file, or set `slave` in [axis.drive]"
+                "such a {device} is at place {place}: connect them in the order of the machine file, or set `slave` in {table}"
             ),
-            _ if same => "make a drive file of the ESI file of that revision (`quadrant bus drive-file ESI --revision`)".into(),
-            _ => "connect the drive that the machine file names, or make a drive file of this one".into(),
+            _ if same => format!(
+                "make a {device} file of the ESI file of that revision (`{command} ESI --revision`)"
+            ),
+            _ => format!(
+                "connect the {device} that the machine file names, or make a {device} file of this one"
+            ),
         };
         return Err(StartUpError::others(format!(
-            "{}: {} is there, its drive file is of {}: {remedy}",
-            plan.name(setup.slave),
+            "{}: {} is there, its {device} file is of {}: {remedy}",
+            plan.name(slave),
             shown(there.vendor_id, there.product_id, there.revision, name),
             shown(is.vendor, is.product_code, is.revision, &is.name)
         )));
@@ -166,8 +174,8 @@ fn judge_slaves(
     Ok(())
 }
 
-/// Whether a slave is the one of a drive file.
-fn is_of(there: &SubDeviceIdentity, drive: &Identity) -> bool {
+/// Whether a slave is the one of a file.
+fn is_of(there: &SubDeviceIdentity, own: &Identity) -> bool {
     (there.vendor_id, there.product_id, there.revision)
-        == (drive.vendor, drive.product_code, drive.revision)
+        == (own.vendor, own.product_code, own.revision)
 }

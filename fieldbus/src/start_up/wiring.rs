@@ -6,10 +6,10 @@ use bus::drive_page::{IMAGE_BYTES_MAX, SlaveWiring, Wiring};
 use bytemuck::Zeroable;
 use ethercrab::{SubDevice, SubDeviceRef};
 
-use super::SegmentPlan;
 use super::driver::Driver;
 use super::error::StartUpError;
 use super::objects::words;
+use super::{FileWords, SegmentPlan};
 use crate::process_data;
 
 /// First register of the first FMMU, and how many a slave can have.
@@ -105,27 +105,34 @@ fn places<S: Deref<Target = SubDevice>>(
     Ok((outputs, inputs))
 }
 
-/// A drive exchanges as many bytes as its file says.
+/// A device exchanges as many bytes as its file says.
 fn judge_sizes(
     plan: &SegmentPlan,
     place: usize,
     outputs: u32,
     inputs: u32,
 ) -> Result<(), StartUpError> {
-    let setup = plan.drives.iter().find(|setup| setup.slave == place);
-    let Some(setup) = setup else {
+    let Some((_, _, FileWords { device, .. })) =
+        plan.described().find(|(slave, ..)| *slave == place)
+    else {
         return Ok(());
     };
-    let data = &setup.drive.process_data;
-    let wanted = (
-        process_data::bytes(&data.receive),
-        process_data::bytes(&data.transmit),
-    );
+    let drive = plan.drives.iter().find(|setup| setup.slave == place);
+    let of_drive = drive.map(|setup| &setup.drive.process_data);
+    let of_drive = of_drive.map(|data| (&data.receive, &data.transmit));
+    let of_terminal = plan
+        .terminal_at(place)
+        .map(|setup| &setup.terminal.process_data);
+    let of_terminal = of_terminal.map(|data| (&data.receive, &data.transmit));
+    let Some((receive, transmit)) = of_drive.or(of_terminal) else {
+        return Ok(());
+    };
+    let wanted = (process_data::bytes(receive), process_data::bytes(transmit));
     if wanted == (outputs, inputs) {
         return Ok(());
     }
     let what = format!(
-        "it takes {outputs} bytes and sends {inputs}, its drive file says {} and {}: make the drive file of the ESI file of this drive",
+        "it takes {outputs} bytes and sends {inputs}, its {device} file says {} and {}: make the {device} file of the ESI file of this {device}",
         wanted.0, wanted.1
     );
     let step = "comparing its process data";

@@ -4,10 +4,12 @@ use std::path::{Component, Path};
 
 use bus::sample::DIGITAL_INPUTS;
 
-use crate::fieldbus::AxisDrive;
+use crate::fieldbus::{AxisDrive, Fieldbus};
 use crate::machine::Machine;
 use crate::settings_file::Rules;
 
+/// Stands for a terminal where axes have their names.
+const TERMINAL: &str = "";
 /// Most slaves of a segment.
 const SLAVES_MAX: usize = bus::drive_page::SLAVES_MAX;
 
@@ -37,6 +39,38 @@ fn judge_inputs(rules: &mut Rules<'_>, machine: &Machine) {
     }
 }
 
+/// A device that has a place, as messages name it.
+fn whose(name: &str) -> String {
+    match name {
+        TERMINAL => "a [[bus.terminal]]".into(),
+        axis => format!("axis {axis}"),
+    }
+}
+
+/// What is wrong with the path of a file that lies below the folder of the machine file.
+fn wrong_path(file: &str) -> Option<String> {
+    let parts = Path::new(file).components();
+    let mut below = parts.map(|part| matches!(part, Component::Normal(_)));
+    let good = !file.is_empty() && below.all(|normal| normal);
+    (!good).then(|| format!("= {file:?}: must be a path below the folder of this file"))
+}
+
+/// Each terminal has a place of its own.
+fn judge_terminals(rules: &mut Rules<'_>, bus: &Fieldbus, taken: &mut Vec<(usize, &str)>) {
+    for (index, terminal) in bus.terminals.iter().enumerate() {
+        let number = (index + 1).to_string();
+        if let Some(what) = wrong_path(&terminal.file) {
+            rules.say(&["bus", "terminal", &number, "file"], None, &what);
+        }
+        let place = terminal.slave as usize;
+        if let Some((_, other)) = taken.iter().find(|(taken, _)| *taken == place) {
+            let what = format!("= {place}: is the place of {}", whose(other));
+            rules.say(&["bus", "terminal", &number, "slave"], None, &what);
+        }
+        taken.push((place, TERMINAL));
+    }
+}
+
 pub fn judge(rules: &mut Rules<'_>, machine: &Machine) {
     judge_inputs(rules, machine);
     let mut taken: Vec<(usize, &str)> = Vec::new();
@@ -54,13 +88,7 @@ pub fn judge(rules: &mut Rules<'_>, machine: &Machine) {
             rules.say(&["drive"], at, what);
             continue;
         }
-        let below = Path::new(&drive.file).components();
-        let mut below = below.map(|part| matches!(part, Component::Normal(_)));
-        if drive.file.is_empty() || !below.all(|normal| normal) {
-            let what = format!(
-                "= {:?}: must be a path below the folder of this file",
-                drive.file
-            );
+        if let Some(what) = wrong_path(&drive.file) {
             rules.say(&["drive", "file"], at, &what);
         }
         let slave = machine.slave_of(index);
@@ -82,10 +110,11 @@ pub fn judge(rules: &mut Rules<'_>, machine: &Machine) {
         );
         rules.say(&["bus", "interface"], None, &what);
     }
+    judge_terminals(rules, bus, &mut taken);
     for other in &bus.other_slaves {
         let place = *other as usize;
-        if let Some((_, axis)) = taken.iter().find(|(taken, _)| *taken == place) {
-            let what = format!("names {other}, which is the place of axis {axis}");
+        if let Some((_, of)) = taken.iter().find(|(taken, _)| *taken == place) {
+            let what = format!("names {other}, which is the place of {}", whose(of));
             rules.say(&["bus", "other_slaves"], None, &what);
         }
         taken.push((place, "?"));
@@ -102,7 +131,7 @@ pub fn judge(rules: &mut Rules<'_>, machine: &Machine) {
         && places.windows(2).all(|pair| pair.first() != pair.last())
     {
         let what = format!(
-            "leaves place {gap} on the cable open: it is that of an axis ([axis.drive] slave), or of another device (other_slaves)"
+            "leaves place {gap} on the cable open: it is that of an axis ([axis.drive] slave), of a terminal ([[bus.terminal]]), or of another device (other_slaves)"
         );
         rules.say(&["bus", "other_slaves"], None, &what);
     }

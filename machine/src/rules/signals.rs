@@ -168,8 +168,10 @@ fn wrong_device(
     let (Some(place), Some(bus)) = (terminal, &machine.bus) else {
         return None;
     };
-    (!bus.other_slaves.contains(&place))
-        .then(|| format!("names terminal {place}, which is not in [bus] other_slaves"))
+    let mut terminals = bus.terminals.iter();
+    (!terminals.any(|terminal| terminal.slave == place)).then(|| {
+        format!("names terminal {place}: there is no [[bus.terminal]] with slave = {place}")
+    })
 }
 
 fn wrong_source(machine: &Machine, signal: &Signal) -> Option<String> {
@@ -194,6 +196,10 @@ fn wrong_sink(machine: &Machine, signal: &Signal, before: &[Signal]) -> Option<S
     let device = (&to.drive, to.bit);
     if let Some(what) = wrong_device(machine, device, (to.terminal, to.channel)) {
         return Some(what);
+    }
+    let of_drive = machine.axes.iter().find(|axis| Some(&axis.name) == to.drive.as_ref());
+    if to.bit == Some(0) && of_drive.is_some_and(|axis| axis.commanded_brake().is_some()) {
+        return Some("is bit 0 of a drive whose brake the controller opens by it".into());
     }
     let outward = to.drive.is_some() || to.terminal.is_some();
     if outward && signal.from.is_outside() {

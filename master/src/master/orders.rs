@@ -281,6 +281,9 @@ impl<D: Drives> Master<D> {
 
     /// Drives on, in hold: nothing moves before somebody resumes.
     fn order_enable(&mut self) -> Result<(), Refusal> {
+        if self.drives_may().is_err() {
+            self.drives.want_back();
+        }
         match self.mode() {
             Mode::Enabled | Mode::Stopping | Mode::Stopped | Mode::Jogging | Mode::Ready => {
                 return Ok(());

@@ -586,6 +586,7 @@ fn on_a_bus() -> Machine {
             watchdog_ms: 10,
             standby: false,
             other_slaves: Vec::new(),
+            terminals: Vec::new(),
         }),
         ..two_axes()
     }

@@ -8,6 +8,8 @@
     control.py PATH registers 1 0x0980 2   # what lies there in the memory of slave 1, in hex
     control.py PATH power-cycle 1          # drive 1 is off and on again: INIT, its position as its model keeps it
     control.py PATH fault 1 [CODE] | clear 1 | sto 1 on | sto 1 off
+    control.py PATH input 3 0 off          # an input of the terminal at place 3
+    control.py PATH outputs 3              # all that a terminal was sent, each change of it in hex
     control.py PATH mute 50                # no frame arrives for 50 ms
     control.py PATH trouble KIND COUNT     # late, duplicate, lost, damaged, stray, foreign: for so many frames
     control.py PATH at 5000 ORDER          # before process-data frame 5000; at enabled+100: counted from the frame
@@ -111,6 +113,12 @@ class Control:
 
     def on_sto(self, position, way):
         self.slave(position).application.sto({"on": True, "off": False}[way])
+
+    def on_input(self, position, bit, way):
+        self.slave(position).application.set_input(int(bit), {"on": True, "off": False}[way])
+
+    def on_outputs(self, position):
+        return " ".join(self.slave(position).application.history) or "none"
 
     def on_mute(self, milliseconds):
         self.segment.mute(float(milliseconds))

@@ -1,6 +1,7 @@
 """Segments that are not what a master expects: the options for it, and what they do to the drives."""
 
 from io_device import IoDevice
+from io_terminal import IoTerminal
 
 
 def number(text):
@@ -18,6 +19,9 @@ def add_options(parser):
                        help="writing its watchdog registers has no effect")
     group.add_argument("--io", action="append", default=[], type=int, metavar="POSITION",
                        help="a slave without a mailbox stands here")
+    group.add_argument("--terminal", action="append", default=[], type=int, metavar="POSITION",
+                       help="a terminal with inputs and outputs, without a mailbox, stands here")
+    group.add_argument("--input", action="append", default=[], metavar="POSITION:BIT", help="this input of a terminal is on from the start")
 
 
 def change(drives, options):
@@ -40,4 +44,9 @@ def change(drives, options):
         drives[one], drives[other] = drives[other], drives[one]
     for position in sorted(options.io):
         drives.insert(position, IoDevice())
+    for position in sorted(options.terminal):
+        drives.insert(position, IoTerminal())
+    for order in options.input:
+        position, bit = map(number, order.split(":"))
+        drives[position].set_input(bit, True)
     return drives
