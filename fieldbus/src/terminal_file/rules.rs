@@ -79,6 +79,18 @@ fn wrong(
         let what = format!("= true: goes not with kind = \"{}\"", kind.word());
         wrong.push(("signed", what));
     }
+    wrong.extend(wrong_bits(terminal, channel, before));
+    wrong
+}
+
+/// What is wrong with where a channel lies in the process data.
+fn wrong_bits(
+    terminal: &TerminalFile,
+    channel: &Channel,
+    before: &[Channel],
+) -> Vec<(&'static str, String)> {
+    let mut wrong = Vec::new();
+    let (kind, direction) = (channel.kind, channel.direction);
     let object = cia402::number(channel.index, channel.sub);
     let pdos = terminal.process_data.of(direction);
     let Some((_, entry)) = process_data::find(pdos, channel.index, channel.sub) else {

@@ -197,7 +197,10 @@ fn wrong_sink(machine: &Machine, signal: &Signal, before: &[Signal]) -> Option<S
     if let Some(what) = wrong_device(machine, device, (to.terminal, to.channel)) {
         return Some(what);
     }
-    let of_drive = machine.axes.iter().find(|axis| Some(&axis.name) == to.drive.as_ref());
+    let of_drive = machine
+        .axes
+        .iter()
+        .find(|axis| Some(&axis.name) == to.drive.as_ref());
     if to.bit == Some(0) && of_drive.is_some_and(|axis| axis.commanded_brake().is_some()) {
         return Some("is bit 0 of a drive whose brake the controller opens by it".into());
     }
