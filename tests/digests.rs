@@ -182,6 +182,10 @@ fn every_shipped_program_is_in_the_table() {
         .flatten()
     {
         let name = machine.file_name().to_string_lossy().into_owned();
+        // A cell in one process has no logic of its own: `whole_machine::` runs such a machine.
+        if Machine::load(&machine.path()).is_ok_and(|machine| machine.logic.is_some()) {
+            continue;
+        }
         let programs = std::fs::read_dir(machine.path().join("programs"));
         for program in programs.into_iter().flatten().flatten() {
             let program = program.file_name().to_string_lossy().into_owned();

@@ -109,7 +109,7 @@ fn shared_memory_that_fills_up_while_the_machine_moves_kills_nobody() {
         cat {folder}/log",
         program.display()
     );
-    let Some(output) = with_shared_memory("48m", &script) else {
+    let Some(output) = with_shared_memory("50m", &script) else {
         return;
     };
     let printed = words(&output);

@@ -303,7 +303,6 @@ fn an_alarm_stops_the_machine_stays_until_it_is_acknowledged_and_is_in_the_event
         "alarm 700, no air",
         "alarm 700, no air: acknowledged",
         "alarm 710, oil pressure low",
-        "signal oil is forced to 3.5",
     ] {
         assert!(events.contains(words), "{words}: {events}");
     }

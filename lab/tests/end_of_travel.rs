@@ -103,6 +103,8 @@ impl Stand {
             now: bytemuck::Zeroable::zeroed(),
         };
         stand.scan();
+        // While the drives come on, its place follows its encoder.
+        while stand.now.mode == Mode::Disabled as u32 && stand.scan() {}
         stand
     }
 

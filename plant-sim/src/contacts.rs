@@ -6,8 +6,8 @@ use machine::Machine;
 use master::StateRefused;
 
 use crate::axis::SetupError;
-use crate::drives::taken;
 use crate::plant_file::PlantContact;
+use crate::state_bytes::taken;
 
 /// What of a contact outlives the process.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Pod, Zeroable)]

@@ -15,6 +15,7 @@ use crate::cross_talk::{CrossTalk, FRICTION_SHARE_MIN};
 use crate::homing::{HomingState, SimulatedHoming};
 use crate::inputs::{InputsState, SimulatedInputs};
 use crate::probe::{ProbeState, SimulatedProbe};
+use crate::state_bytes::{put, put_bytes, taken};
 
 /// Drives, motors and mechanics of all axes.
 #[derive(Debug, Clone)]
@@ -62,23 +63,6 @@ struct SimulatedAxis {
 struct SavedCommand {
     kind: u64,
     values: [f64; 3],
-}
-
-/// Writes a part of the state to the beginning of what is left of the bytes, if it fits.
-fn put(bytes: &mut &mut [u8], part: &impl Pod) {
-    put_bytes(bytes, bytemuck::bytes_of(part));
-}
-
-fn put_bytes(bytes: &mut &mut [u8], part: &[u8]) {
-    if let Some(slot) = bytes.split_off_mut(..part.len()) {
-        slot.copy_from_slice(part);
-    }
-}
-
-/// Reads a part of the state from the beginning of what is left of the bytes.
-pub(crate) fn taken<T: Pod>(bytes: &mut &[u8]) -> Result<T, StateRefused> {
-    let slot = bytes.split_off(..size_of::<T>()).ok_or(StateRefused)?;
-    Ok(bytemuck::pod_read_unaligned(slot))
 }
 
 impl SimulatedAxis {

@@ -32,6 +32,7 @@ pub mod script;
 pub mod setup;
 pub mod sliding_curve;
 pub mod spindle;
+mod state_bytes;
 mod swinging;
 pub mod variation;
 pub mod winding;

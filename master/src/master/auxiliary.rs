@@ -141,6 +141,8 @@ pub(super) struct Auxiliary {
     comes_back: bool,
     /// What planners said up to this scan is of another program, or of another run of it.
     messages_after: u64,
+    /// Line that the program of a run is to begin at, until its drives are on; 0 for none.
+    begins_at_line: u32,
     /// Something latched has changed since it was last asked.
     changed: bool,
 }
@@ -183,6 +185,7 @@ impl Auxiliary {
             released: false,
             comes_back: false,
             messages_after: 0,
+            begins_at_line: 0,
             changed: false,
         }
     }
@@ -625,6 +628,7 @@ impl Auxiliary {
     fn release(&mut self, mode: Mode, hold: bool, program: &Loaded) {
         match mode {
             Mode::Enabled if !hold => {
+                self.begins_at_line = 0;
                 self.comes_back |= !self.released && self.turns();
                 self.released = true;
             }
@@ -636,6 +640,7 @@ impl Auxiliary {
                 // Of a program that is running they come back with `resume`.
                 if mode == Mode::Finished || !program.is_running() {
                     self.latches.end_program();
+                    self.latches.start_line = self.begins_at_line;
                 }
             }
         }

@@ -291,7 +291,7 @@ mod tests {
     use bus::sample::*;
 
     fn extent(axes: usize, subsamples: usize) -> Extent {
-        let letters = ["X", "Y", "Z", "A", "B", "C", "U", "V"].map(String::from);
+        let letters = ["X", "Y", "Z", "A", "B", "C", "U", "V", "W"].map(String::from);
         let others = (1..).map(|number| format!("P{number}"));
         Extent {
             axes: letters.into_iter().chain(others).take(axes).collect(),
