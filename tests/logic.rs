@@ -7,7 +7,7 @@ use bus::sample::{Cause, Mode};
 use monitor::log::{Reader, Sample};
 use serde_json::Value;
 
-use crate::support::{Bench, LiveCell, root, run_with};
+use crate::support::{Bench, LiveCell, run_with};
 use crate::up::{obeyed, refused};
 
 /// A chuck that a button opens as long as nothing turns, a lamp, and a pump that is to be off when nobody says otherwise.
@@ -32,8 +32,6 @@ to = { analog_input = 1 }
 
 /// The pump follows the program's output 5, the level is the number of questions.
 const LOGIC: &str = r#"
-import sys
-sys.path.insert(0, "PYTHON")
 import quadrant_logic
 
 asked = 0
@@ -53,8 +51,7 @@ fn machine(logic: &str, more: &str) -> Bench {
     let name = "name = \"xy\"\n";
     let table = format!("[logic]\ncommand = [\"python3\", \"./logic.py\"]\n{more}\n");
     let bench = Bench::of("xy", &[(name, &format!("{name}{SIGNALS}{table}"))]);
-    let python = root().join("python").display().to_string();
-    bench.file("logic.py", &logic.replace("PYTHON", &python));
+    bench.file("logic.py", logic);
     bench
 }
 

@@ -6,7 +6,7 @@ mod program;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use bus::cell::CellError;
+use bus::cell::{CellError, CellPaths};
 use bus::member::{Boundaries, Member, MemberError, Pace, Slot};
 use bus::port::{Reader, Writer};
 use bus::realtime::Priority;
@@ -66,6 +66,8 @@ struct Asked {
     deadline: Duration,
     answer_limit: Duration,
     folder: PathBuf,
+    /// Where the module for Python is.
+    modules: PathBuf,
     cell: String,
     program: Option<Program>,
     starts: u32,
@@ -100,6 +102,7 @@ pub fn run(options: &Options) -> Result<(), LogicError> {
         deadline: Duration::from_secs_f64(settings.deadline_ms * 1e-3),
         answer_limit: options.answer_limit,
         folder: beside.join(&settings.folder),
+        modules: modules_in(&CellPaths::new(&options.slot.cell)?)?,
         cell: options.slot.cell.clone(),
         program: None,
         starts: options.slot.incarnation.saturating_sub(1),
@@ -134,6 +137,19 @@ pub fn run(options: &Options) -> Result<(), LogicError> {
     member.ready(Priority::Ordinary);
     while cycle(&mut asked, &mut ports, &member) {}
     Ok(())
+}
+
+/// The module that a logic in Python imports.
+const PYTHON_MODULE: &str = include_str!("../../python/quadrant_logic.py");
+
+/// Puts the module for Python into the cell's folder; where it is.
+fn modules_in(place: &CellPaths) -> Result<PathBuf, LogicError> {
+    let folder = place.folder().join("python");
+    let made = std::fs::create_dir_all(&folder)
+        .and_then(|()| std::fs::write(folder.join("quadrant_logic.py"), PYTHON_MODULE));
+    let why = |error| LogicError::Program(format!("{}: {error}", folder.display()));
+    made.map_err(why)?;
+    Ok(folder)
 }
 
 /// One question and its answer; false when it is time to leave.
@@ -193,7 +209,12 @@ impl Asked {
                 .collect(),
         };
         self.said.sets = Default::default();
-        self.program = Some(Program::start(&settings.command, &self.folder, &hello)?);
+        self.program = Some(Program::start(
+            &settings.command,
+            &self.folder,
+            &self.modules,
+            &hello,
+        )?);
         Ok(())
     }
 

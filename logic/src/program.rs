@@ -1,5 +1,6 @@
 //! The program of the logic: a child process that is asked on its standard input and answers on its standard output, a line each.
 
+use std::ffi::OsString;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::os::unix::process::CommandExt;
 use std::path::Path;
@@ -43,11 +44,16 @@ pub struct Program {
 }
 
 impl Program {
-    /// Starts it in its folder and says hello.
+    /// Starts it in its folder and says hello; one in Python finds its modules there.
     ///
     /// # Errors
     /// It cannot be run, or has ended at once.
-    pub fn start(command: &[String], folder: &Path, hello: &Hello) -> Result<Program, String> {
+    pub fn start(
+        command: &[String],
+        folder: &Path,
+        modules: &Path,
+        hello: &Hello,
+    ) -> Result<Program, String> {
         let (name, arguments) = command.split_first().ok_or("its command is empty")?;
         // A path counts from the folder; a bare name is looked for as a shell does.
         let program = if name.contains('/') {
@@ -61,6 +67,9 @@ impl Program {
             .args(arguments)
             .current_dir(folder)
             .env(MARK, &mark)
+            .env("PYTHONPATH", with_modules(modules))
+            // Nothing is left in the cell's folder that was not put there.
+            .env("PYTHONDONTWRITEBYTECODE", "1")
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
             .stderr(Stdio::inherit())
@@ -198,6 +207,13 @@ impl Drop for Program {
         let _ = self.child.wait();
         end_all_with(MARK, &self.mark);
     }
+}
+
+/// Where Python looks for modules: these first, then those that the environment names.
+fn with_modules(modules: &Path) -> OsString {
+    let named = std::env::var_os("PYTHONPATH").unwrap_or_default();
+    let all = std::iter::once(modules.to_path_buf()).chain(std::env::split_paths(&named));
+    std::env::join_paths(all).unwrap_or_else(|_| modules.into())
 }
 
 /// A line of bounded length, without its end.

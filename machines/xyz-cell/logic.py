@@ -3,10 +3,6 @@
 It remembers nothing that it could not read back: what must outlive it are signals that keep their values (spindle_tool, pocket, changing, taking).
 """
 
-import os
-import sys
-
-sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), "../../python"))
 import quadrant_logic
 
 PLACES = 8
