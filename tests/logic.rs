@@ -7,7 +7,7 @@ use bus::sample::{Cause, Mode};
 use monitor::log::{Reader, Sample};
 use serde_json::Value;
 
-use crate::support::{Bench, LiveCell, run_with};
+use crate::support::{Bench, LiveCell, has_python, run_with};
 use crate::up::{obeyed, refused};
 
 /// A chuck that a button opens as long as nothing turns, a lamp, and a pump that is to be off when nobody says otherwise.
@@ -78,6 +78,9 @@ fn course(out: &Path, index: usize) -> Vec<(u64, f64, bool)> {
 
 #[test]
 fn logic_is_asked_in_lockstep_the_same_on_every_run_and_moves_nothing() {
+    if !has_python() {
+        return;
+    }
     let bench = machine(LOGIC, "");
     let program = bench.file("program.ngc", PROGRAM);
     let runs = [(), ()].map(|()| {
@@ -98,6 +101,9 @@ fn logic_is_asked_in_lockstep_the_same_on_every_run_and_moves_nothing() {
 /// Between the death of the logic and its return the pump is off, within two scans of the death.
 #[test]
 fn killed_logic_leaves_no_output_on_and_holds_the_machine() {
+    if !has_python() {
+        return;
+    }
     let bench = machine(LOGIC, "");
     let program = bench.file("program.ngc", PROGRAM);
     let faults = "[[fault]]\nat = { scan = 300 }\nprocess = \"logic\"\ndo = \"kill\"\nrestart_after_scans = 400\n";
@@ -127,6 +133,9 @@ fn killed_logic_leaves_no_output_on_and_holds_the_machine() {
 /// Logic that says what it may not, ends or says nothing that can be read is lost, with the reason in the messages, and comes back.
 #[test]
 fn logic_that_is_wrong_is_lost_and_started_again() {
+    if !has_python() {
+        return;
+    }
     for (wrong, words) in [
         (
             "io._said['set']['button'] = 1",
@@ -156,6 +165,9 @@ fn logic_that_is_wrong_is_lost_and_started_again() {
 
 #[test]
 fn logic_that_cannot_begin_starts_no_cell() {
+    if !has_python() {
+        return;
+    }
     for (command, words) in [
         ("\"./is-not-there\"", "is-not-there"),
         (
@@ -181,6 +193,9 @@ fn logic_that_cannot_begin_starts_no_cell() {
 /// In realtime: hung logic is late, lost and started again; nothing is resumed meanwhile.
 #[test]
 fn logic_that_hangs_is_lost_after_its_deadline_and_started_again() {
+    if !has_python() {
+        return;
+    }
     let hangs = "    asked += 1\n    if io['button'] and io.hello['starts'] == 1:\n        import time\n        time.sleep(1000)";
     let bench = machine(&LOGIC.replace("    asked += 1", hangs), "deadline_ms = 500");
     let mut cell = LiveCell::up(bench.path(), "realtime");

@@ -121,6 +121,15 @@ impl Bench {
     }
 }
 
+/// Whether this PC has a Python for logic that is written in it; says so where it has none.
+pub fn has_python() -> bool {
+    let found = Command::new("python3").arg("--version").output();
+    if let Err(error) = &found {
+        eprintln!("skipped: python3: {error}");
+    }
+    found.is_ok()
+}
+
 /// The command under test: `quadrant`, in the tests of the lab `quadrant-lab`, which can do all that it can.
 pub const QUADRANT: Option<&str> = match option_env!("CARGO_BIN_EXE_quadrant") {
     None => option_env!("CARGO_BIN_EXE_quadrant-lab"),

@@ -9,7 +9,7 @@ use monitor::log::{Reader, Sample};
 use serde_json::Value;
 
 use crate::size;
-use crate::support::{Bench, QUADRANT, Run, root, run_with};
+use crate::support::{Bench, QUADRANT, Run, has_python, root, run_with};
 
 /// The machine, with its logic where it lies.
 fn machine() -> Bench {
@@ -52,6 +52,9 @@ fn motion_digest(run: &Run) -> String {
 
 #[test]
 fn a_part_is_made_with_three_tool_changes_and_a_vice() {
+    if !has_python() {
+        return;
+    }
     let bench = machine();
     let run = run_with(bench.path(), part(), &[]);
     assert_eq!(run.status(), 0, "{}", run.stderr());
@@ -92,6 +95,9 @@ fn a_part_is_made_with_three_tool_changes_and_a_vice() {
 /// At whatever instant the logic dies: its outputs are off two scans later, the machine comes to rest, and the part is made all the same.
 #[test]
 fn logic_that_is_killed_at_any_instant_leaves_no_output_on_and_the_part_is_made() {
+    if !has_python() {
+        return;
+    }
     let kills = size::number("KILLS", 6, 1000);
     let bench = machine();
     let loaded = Machine::load(bench.path()).expect("the machine");
