@@ -236,6 +236,9 @@ impl NamedSignals {
 
     /// What devices show at the end of the scan.
     pub fn take(&mut self, drives: &impl Drives, scan: u64) {
+        if self.shown().is_none() {
+            return;
+        }
         for index in 0..self.planned.len() {
             if self.planned.get(index).map(|planned| planned.source) == Some(Source::Device) {
                 self.show(index, drives.signal(index));
@@ -244,7 +247,9 @@ impl NamedSignals {
         let raised = self.logic.as_ref().map_or(0, LogicOfMachine::alarms);
         let came = self.alarms.step(self.shown.values(), raised);
         self.latches.unacknowledged |= came;
-        for (index, since) in self.shown.alarm_scans.iter_mut().enumerate() {
+        let count = self.alarms.count();
+        let since = self.shown.alarm_scans.iter_mut().take(count);
+        for (index, since) in since.enumerate() {
             if came.checked_shr(index as u32).unwrap_or(0) & 1 == 1 {
                 *since = scan;
             }
@@ -450,11 +455,12 @@ impl<D: Drives> Master<D> {
 
     /// What goes to devices in this scan.
     pub(super) fn command_signals(&mut self, levels: &Levels) {
+        if self.signals.shown().is_none() {
+            return;
+        }
         let state = (self.mode(), self.modes.is_held());
         self.signals.command(levels, state);
-        if self.signals.shown().is_some() {
-            self.drives.command_signals(self.signals.values());
-        }
+        self.drives.command_signals(self.signals.values());
     }
 
     /// What inputs say stops the machine, before anything else is decided in this scan.
