@@ -241,8 +241,8 @@ impl Boundaries {
         }
     }
 
-    /// Whether the feedback of this scan asks. Between two boundaries somebody has signalled for all, and nothing is asked; in
-    /// lockstep, where everybody is waited for, whoever comes then has just joined.
+    /// Whether the feedback of this scan asks. A signal between two boundaries was meant for all processes and asks nothing; a process
+    /// that sees one in lockstep, where the master waits for all, has just joined.
     pub fn asks(&mut self, scan: u64) -> bool {
         let boundary = scan - scan % self.period_scans;
         let unasked = self.lockstep && scan != boundary;

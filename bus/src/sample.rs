@@ -806,7 +806,7 @@ pub use inputs::{
 };
 pub use logic::{LOGIC_HOLD, LOGIC_INHIBIT, LOGIC_STOP, LOGIC_TRIP, LogicAnswer};
 pub use order::{DOWN_FOR_LOSS, OperatorRequest, OperatorResponse, Order, Refused};
-pub use signals::{ALARMS_MAX, SIGNALS_MAX, SignalSet, Signals};
+pub use signals::{ALARMS_MAX, SIGNALS_MAX, SignalSet, Signals, has_bit, with_bit};
 
 impl Feedback {
     /// The axes in use.

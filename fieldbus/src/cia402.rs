@@ -59,7 +59,7 @@ pub const TORQUE_OFFSET: u16 = 0x60B2;
 pub const INTERPOLATION_TIME: u16 = 0x60C2;
 /// Digital inputs: 0 to 3 limit switches, home switch and interlock, 16 to 31 those of the manufacturer.
 pub const DIGITAL_INPUTS: u16 = 0x60FD;
-/// Digital (physical) outputs: sub-index 1 their bits, 0 the brake (1 opens it), 16 to 31 those of the maker; sub-index 2 which of them count.
+/// Digital (physical) outputs: the bits in sub-index 1 (bit 0 the brake, 1 opens it; bits 16 to 31 free to the maker), their mask in 2.
 pub const DIGITAL_OUTPUTS: u16 = 0x60FE;
 /// Highest torque in the positive direction.
 pub const POSITIVE_TORQUE_LIMIT: u16 = 0x60E0;

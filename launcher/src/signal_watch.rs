@@ -1,7 +1,7 @@
 //! What is noted of named inputs and outputs: alarms that come, go and are acknowledged, and signals that an operator forces.
 
 use bus::port::Reader;
-use bus::sample::{SIGNALS_MAX, SignalSet, Signals};
+use bus::sample::{SIGNALS_MAX, SignalSet, Signals, has_bit};
 use machine::Machine;
 
 /// Looks at the signals of a cell.
@@ -24,10 +24,6 @@ pub struct Noted {
     pub words: String,
     /// Whether it is news that somebody has to see to.
     pub urgent: bool,
-}
-
-fn bit(set: u64, index: usize) -> bool {
-    set.checked_shr(index as u32).unwrap_or(0) & 1 == 1
 }
 
 impl SignalWatch {
@@ -61,9 +57,9 @@ impl SignalWatch {
         };
         for (index, alarm) in machine.alarms.iter().enumerate() {
             let (number, text, remedy) = (alarm.number, &alarm.text, &alarm.remedy);
-            let [was, is] = [self.alarms, newest.alarms].map(|set| bit(set, index));
+            let [was, is] = [self.alarms, newest.alarms].map(|set| has_bit(set, index));
             let sets = [self.unacknowledged, newest.unacknowledged];
-            let [was_new, is_new] = sets.map(|set| bit(set, index));
+            let [was_new, is_new] = sets.map(|set| has_bit(set, index));
             if is && !was || is_new && !was_new && !is {
                 let what_to_do = if remedy.is_empty() {
                     String::new()

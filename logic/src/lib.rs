@@ -12,7 +12,7 @@ use bus::port::{Reader, Writer};
 use bus::realtime::Priority;
 use bus::sample::{
     Feedback, LOGIC_HOLD, LOGIC_INHIBIT, LOGIC_STOP, LOGIC_TRIP, LogicAnswer, Mode, ProgramState,
-    Signals,
+    Signals, with_bit,
 };
 use bus::service::SCAN_DEPTH;
 use bytemuck::Zeroable;
@@ -341,7 +341,7 @@ impl Asked {
                     "it raises alarm {number}: the machine file has none of that number"
                 ));
             };
-            alarms |= 1u64.checked_shl(index as u32).unwrap_or(0);
+            alarms = with_bit(alarms, index, true);
         }
         self.said.alarms = alarms;
         let requests = [

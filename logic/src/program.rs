@@ -188,7 +188,7 @@ impl Program {
         }
     }
 
-    /// How it has ended, if it has: its end may show a moment after that of its streams.
+    /// Status of a program that has ended, which may show a moment after the end of its streams; else why it counts as ended.
     fn end_words(&mut self, why: &str) -> String {
         for _ in 0..END_LOOKS {
             if let Ok(Some(status)) = self.child.try_wait() {

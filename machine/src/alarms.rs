@@ -6,7 +6,7 @@ use serde::Deserialize;
 /// An alarm of the machine: by a signal, or raised by the logic.
 #[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
 pub struct Alarm {
-    /// Its number; those of the controller itself are below 100.
+    /// Number of the alarm; numbers below 100 are kept for the controller.
     #[schemars(extend("minimum" = 100, "maximum" = 999_999))]
     pub number: u32,
     /// What is wrong, in a few words.

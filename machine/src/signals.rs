@@ -32,8 +32,15 @@ pub struct Signal {
     pub inverted: bool,
     /// Where its value comes from.
     pub from: SignalSource,
-    /// Where it goes, beside those who read it by its name.
+    /// Devices and inputs of programs that it goes to; its name can be read everywhere.
     pub to: Option<SignalSink>,
+}
+
+impl Signal {
+    /// What it shows while its source is lost.
+    pub fn lost_value(&self) -> f64 {
+        self.lost.unwrap_or(self.default)
+    }
 }
 
 /// What a signal can show.

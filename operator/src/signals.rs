@@ -1,7 +1,7 @@
 //! `signal`: the named inputs and outputs of a running cell, shown, set and forced.
 
 use anyhow::anyhow;
-use bus::sample::{OperatorRequest, Order, Signals};
+use bus::sample::{OperatorRequest, Order, Signals, has_bit};
 use console::exit::{Failure, Outcome};
 use console::output::{joined, say};
 use machine::{Machine, Signal, SignalKind};
@@ -28,7 +28,6 @@ pub fn shown(machine: &Machine, signals: &Signals) -> Vec<SignalState> {
 
 /// Alarms of a machine that are there, or that nobody has acknowledged, in the order of its file.
 pub fn alarms(machine: &Machine, signals: &Signals) -> Vec<AlarmState> {
-    let bit = |set: u64, index: usize| set.checked_shr(index as u32).unwrap_or(0) & 1 == 1;
     let all = machine.alarms.iter().enumerate();
     let states = all.map(|(index, alarm)| {
         let scan = signals.alarm_scans.get(index).copied().unwrap_or(0);
@@ -36,8 +35,8 @@ pub fn alarms(machine: &Machine, signals: &Signals) -> Vec<AlarmState> {
             number: alarm.number,
             text: alarm.text.clone(),
             remedy: alarm.remedy.clone(),
-            active: bit(signals.alarms, index),
-            acknowledged: !bit(signals.unacknowledged, index),
+            active: has_bit(signals.alarms, index),
+            acknowledged: !has_bit(signals.unacknowledged, index),
             scan,
             time_s: scan as f64 * machine.scan_period_s(),
         }

@@ -1,6 +1,6 @@
 //! Simulated inputs: a script says when which of them changes.
 
-use bus::sample::DIGITAL_OUTPUTS;
+use bus::sample::{DIGITAL_OUTPUTS, with_bit};
 use bytemuck::{Pod, Zeroable};
 use master::InputFeedback;
 
@@ -62,11 +62,7 @@ impl SimulatedInputs {
         let mut shown = InputFeedback::default();
         for line in self.script.iter().filter(|line| self.has_come(line)) {
             if let Some(input) = line.digital {
-                let bit = 1u64.checked_shl(input).unwrap_or(0);
-                shown.digital &= !bit;
-                if line.value != 0.0 {
-                    shown.digital |= bit;
-                }
+                shown.digital = with_bit(shown.digital, input as usize, line.value != 0.0);
             }
             let analog = line
                 .analog

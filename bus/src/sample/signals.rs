@@ -11,7 +11,20 @@ pub const SIGNALS_MAX: usize = 128;
 /// The most alarms that a machine can have.
 pub const ALARMS_MAX: usize = 64;
 
-/// A bit for each signal, or alarm.
+/// Whether a bit of a set is in it.
+pub fn has_bit(set: u64, index: usize) -> bool {
+    let bit = u32::try_from(index).ok();
+    bit.and_then(|bit| set.checked_shr(bit)).unwrap_or(0) & 1 == 1
+}
+
+/// A set with a bit taken in, or out.
+pub fn with_bit(set: u64, index: usize, is_in: bool) -> u64 {
+    let bit = u32::try_from(index).ok();
+    let bit = bit.and_then(|bit| 1u64.checked_shl(bit)).unwrap_or(0);
+    if is_in { set | bit } else { set & !bit }
+}
+
+/// A bit for each signal.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable, ZeroCopySend)]
 #[type_name("quadrant/SignalSet/1")]
 #[repr(C)]
@@ -24,15 +37,14 @@ table!(SignalSet: words);
 impl SignalSet {
     /// Whether this signal is in it.
     pub fn has(&self, index: usize) -> bool {
-        let word = self.words.get(index / 64).copied().unwrap_or(0);
-        word >> (index % 64) & 1 == 1
+        let word = self.words.get(index / 64);
+        word.is_some_and(|word| has_bit(*word, index % 64))
     }
 
     /// Takes a signal in, or out.
     pub fn set(&mut self, index: usize, is_in: bool) {
         if let Some(word) = self.words.get_mut(index / 64) {
-            let bit = 1 << (index % 64);
-            *word = if is_in { *word | bit } else { *word & !bit };
+            *word = with_bit(*word, index % 64, is_in);
         }
     }
 

@@ -13,7 +13,7 @@ use crate::terminal_file::{ChannelCode, ChannelDirection, ChannelKind};
 pub enum SignalDevice {
     /// The drive of this axis.
     Drive(usize),
-    /// A terminal, by its place among those of the machine.
+    /// The terminal of this index in the machine file.
     Terminal(usize),
 }
 
@@ -77,7 +77,7 @@ impl SignalPlaces {
                             device,
                             slave,
                             code,
-                            lost: signal.lost.unwrap_or(signal.default),
+                            lost: signal.lost_value(),
                         }))
                     }
                     Err(what) => wrong.push(format!("signal {:?}: {key}: {what}", signal.name)),

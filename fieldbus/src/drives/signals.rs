@@ -36,7 +36,7 @@ struct Input {
     place: SignalPlace,
     /// What a counter has counted.
     counted: i64,
-    /// `counted` is that of the terminal as it is now.
+    /// The terminal has answered without a break since it was counted.
     counts: bool,
 }
 
@@ -55,7 +55,7 @@ pub(super) struct DeviceSignals {
     outputs: Vec<Output>,
     /// What each signal of the machine shows, where a device has it and answers.
     shown: Vec<Option<f64>>,
-    /// So many cycles in a row may be missed before a terminal counts as lost.
+    /// Missed cycles in a row after which a terminal counts as lost.
     missed_max: u32,
 }
 
@@ -123,7 +123,7 @@ impl DeviceSignals {
         }
     }
 
-    /// Takes what came of a cycle; `sound` if its inputs are those of everybody, `is_lost` says it of the drive of an axis.
+    /// Takes the answer to a cycle, `sound` if all slaves took part in it; `is_lost` tells whether the drive of an axis is lost.
     pub fn take(
         &mut self,
         wiring: &Wiring,

@@ -38,7 +38,7 @@ impl ChannelCode {
         }
     }
 
-    /// What a number means; that of a counter itself.
+    /// The value that a number stands for.
     pub fn value_of(&self, number: i64) -> f64 {
         match self.kind {
             ChannelKind::Bool | ChannelKind::Int | ChannelKind::Counter => number as f64,

@@ -1,6 +1,6 @@
 //! Alarms of the machine: each comes by a signal or by the logic, stays until it is acknowledged, and may stop the machine.
 
-use bus::sample::{Cause, Mode, Refused};
+use bus::sample::{Cause, Mode, Refused, has_bit, with_bit};
 use machine::{Alarm, AlarmReaction, Machine};
 
 use super::Master;
@@ -15,15 +15,12 @@ struct Watched {
     after_scans: u64,
     /// Scans in a row that it has been due.
     due_scans: u64,
+    is_there: bool,
 }
 
 /// All of them.
 #[derive(Debug, Clone)]
-pub(super) struct Alarms {
-    watched: Vec<Watched>,
-    /// Those that are there, a bit each.
-    there: u64,
-}
+pub(super) struct Alarms(Vec<Watched>);
 
 impl Alarms {
     pub fn new(machine: &Machine) -> Alarms {
@@ -35,51 +32,44 @@ impl Alarms {
                 .and_then(|name| machine.signal(name)),
             after_scans: libm::ceil(alarm.after_s / machine.scan_period_s()) as u64,
             due_scans: 0,
+            is_there: false,
         });
-        Alarms {
-            watched: watched.collect(),
-            there: 0,
-        }
+        Alarms(watched.collect())
     }
 
     pub fn count(&self) -> usize {
-        self.watched.len()
+        self.0.len()
     }
 
     /// One scan; those that have come in it, a bit each. `raised` are those of the logic.
     pub fn step(&mut self, values: &[f64], raised: u64) -> u64 {
-        let before = self.there;
-        for (index, watched) in self.watched.iter_mut().enumerate() {
+        let before = self.there();
+        for (index, watched) in self.0.iter_mut().enumerate() {
             let by_signal = watched.signal.and_then(|signal| values.get(signal));
             let by_signal = by_signal.is_some_and(|value| watched.alarm.comes_by(*value));
-            let is_due = by_signal || raised.checked_shr(index as u32).unwrap_or(0) & 1 == 1;
-            watched.due_scans = if is_due {
-                watched.due_scans.saturating_add(1)
-            } else {
-                0
+            watched.due_scans = match by_signal || has_bit(raised, index) {
+                true => watched.due_scans.saturating_add(1),
+                false => 0,
             };
-            let is_there = watched.due_scans > watched.after_scans;
-            let bit = 1u64.checked_shl(index as u32).unwrap_or(0);
-            self.there = if is_there {
-                self.there | bit
-            } else {
-                self.there & !bit
-            };
+            watched.is_there = watched.due_scans > watched.after_scans;
         }
-        self.there & !before
+        self.there() & !before
     }
 
+    /// Those that are there, a bit each.
     pub fn there(&self) -> u64 {
-        self.there
+        let all = self.0.iter().enumerate();
+        all.fold(0, |set, (index, watched)| {
+            with_bit(set, index, watched.is_there)
+        })
     }
 
-    /// Whether one is there with a reaction at least as hard as this.
+    /// Whether one is there with one of these reactions.
     fn asks(&self, reactions: &[AlarmReaction]) -> bool {
-        let mut watched = self.watched.iter().enumerate();
-        watched.any(|(index, watched)| {
-            let is_there = self.there.checked_shr(index as u32).unwrap_or(0) & 1 == 1;
-            is_there && reactions.contains(&watched.alarm.reaction)
-        })
+        let asks = |watched: &Watched| reactions.contains(&watched.alarm.reaction);
+        self.0
+            .iter()
+            .any(|watched| watched.is_there && asks(watched))
     }
 
     /// Whether a program may be started or resumed.
@@ -104,11 +94,9 @@ impl Alarms {
         if number == 0 {
             return Some(u64::MAX);
         }
-        let index = self
-            .watched
-            .iter()
-            .position(|watched| watched.alarm.number == number);
-        index.and_then(|index| 1u64.checked_shl(index as u32))
+        let mut all = self.0.iter();
+        let index = all.position(|watched| watched.alarm.number == number)?;
+        Some(with_bit(0, index, true))
     }
 }
 

@@ -3,9 +3,8 @@
 //! (docs/developers/architecture.md, "Events").
 
 use bus::sample::{
-    Auxiliaries, Cause, DIGITAL_OUTPUTS, EventCode, FLOOD, Feedback, Levels, MIST, MODES_RESET,
-    Mode, OUTPUTS_AHEAD, OVERRIDE_MAX_PERCENT, PathTag, PlannerStatus, ProgramEvent,
-    SpindleCommand, Waiting,
+    Auxiliaries, Cause, EventCode, FLOOD, Feedback, Levels, MIST, MODES_RESET, Mode, OUTPUTS_AHEAD,
+    OVERRIDE_MAX_PERCENT, PathTag, PlannerStatus, ProgramEvent, SpindleCommand, Waiting, with_bit,
 };
 use machine::{Machine, ToolChanger};
 
@@ -79,17 +78,7 @@ impl AuxiliaryLatches {
     }
 
     fn switch_output(&mut self, index: u32, on: bool) {
-        let Some(bit) = 1u64
-            .checked_shl(index)
-            .filter(|_| index < DIGITAL_OUTPUTS as u32)
-        else {
-            return;
-        };
-        if on {
-            self.levels.digital |= bit;
-        } else {
-            self.levels.digital &= !bit;
-        }
+        self.levels.digital = with_bit(self.levels.digital, index as usize, on);
     }
 
     /// The program is done or given up: spindle at rest, coolant off. Outputs and tool stay.

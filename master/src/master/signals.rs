@@ -2,6 +2,7 @@
 
 use bus::sample::{
     Cause, FLOOD, Levels, MIST, Mode, OperatorRequest, Order, Refused, Signals, SpindleCommand,
+    has_bit, with_bit,
 };
 use bytemuck::Zeroable;
 use machine::{Machine, MachineState, SetBy, Signal, SignalKind};
@@ -17,7 +18,7 @@ use crate::saved::{HELD_SIGNALS_MAX, HeldSignal, SignalLatches};
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Source {
     Device,
-    Output(u32),
+    Output(usize),
     AnalogOutput(usize),
     State(MachineState),
     Operator,
@@ -44,7 +45,7 @@ impl Planned {
     fn of(signal: &Signal) -> Planned {
         let from = &signal.from;
         let source = match (from.output, from.analog_output, from.state, from.by) {
-            (Some(output), ..) => Source::Output(output),
+            (Some(output), ..) => Source::Output(output as usize),
             (_, Some(output), ..) => Source::AnalogOutput(output as usize),
             (_, _, Some(state), _) => Source::State(state),
             (_, _, _, Some(SetBy::Operator)) => Source::Operator,
@@ -55,7 +56,7 @@ impl Planned {
         Planned {
             kind: signal.kind,
             default: signal.default,
-            lost: signal.lost.unwrap_or(signal.default),
+            lost: signal.lost_value(),
             inverted: signal.inverted,
             keeps: signal.keeps,
             source,
@@ -171,6 +172,10 @@ impl NamedSignals {
         if latches.held.iter().all(sound) {
             self.latches = *latches;
         }
+        for index in 0..self.planned.len() {
+            let forced = self.latches.held(index, FORCED);
+            self.shown.forced.set(index, forced.is_some());
+        }
     }
 
     /// What must outlive this master.
@@ -178,34 +183,22 @@ impl NamedSignals {
         self.latches
     }
 
-    /// What an operator holds a signal at.
-    fn held(&self, index: usize) -> Option<&HeldSignal> {
-        let of = index as u32 + 1;
-        self.latches.held.iter().find(|held| held.of == of)
-    }
-
     fn show(&mut self, index: usize, said: Option<f64>) {
-        let Some(planned) = self.planned.get(index) else {
+        let Some(planned) = self.planned.get(index).copied() else {
             return;
         };
         let value = planned.shown(said);
-        let is_lost = value.is_none();
-        let planned = *planned;
-        let kept = self
-            .held(index)
-            .filter(|_| planned.keeps)
-            .map(|held| held.value);
-        if let Some(value) = value.filter(|value| planned.keeps && kept != Some(*value)) {
-            // Where so many are held that there is no room, it is not kept: nothing else depends on it.
-            let _ = self.latches.hold(index, value, 0);
-        }
-        let value = value.or(kept).unwrap_or(planned.lost);
-        let forced = self.held(index).filter(|held| held.forced == 1);
-        let forced = forced.map(|held| held.value);
-        self.shown.lost.set(index, is_lost);
-        self.shown.forced.set(index, forced.is_some());
+        self.shown.lost.set(index, value.is_none());
+        let value = match planned.keeps {
+            true => self.latches.keep(index, value),
+            false => value,
+        };
+        let forced = match self.shown.forced.has(index) {
+            true => self.latches.held(index, FORCED),
+            false => None,
+        };
         if let Some(slot) = self.shown.values.get_mut(index) {
-            *slot = forced.unwrap_or(value);
+            *slot = forced.or(value).unwrap_or(planned.lost);
         }
     }
 
@@ -218,7 +211,7 @@ impl NamedSignals {
             let said = match planned.source {
                 Source::Device => continue,
                 Source::Output(output) => {
-                    Some((levels.digital.checked_shr(output).unwrap_or(0) & 1) as f64)
+                    Some(f64::from(u8::from(has_bit(levels.digital, output))))
                 }
                 Source::AnalogOutput(output) => levels.analog.get(output).copied(),
                 Source::State(state) => Some(value_of(state, levels, mode, held)),
@@ -227,7 +220,8 @@ impl NamedSignals {
                     logic.and_then(|logic| logic.value(index, planned.default))
                 }
                 Source::Operator => {
-                    Some(self.held(index).map_or(planned.default, |held| held.value))
+                    let set = self.latches.held(index, SET);
+                    Some(set.unwrap_or(planned.default))
                 }
             };
             self.show(index, said);
@@ -250,7 +244,7 @@ impl NamedSignals {
         let count = self.alarms.count();
         let since = self.shown.alarm_scans.iter_mut().take(count);
         for (index, since) in since.enumerate() {
-            if came.checked_shr(index as u32).unwrap_or(0) & 1 == 1 {
+            if has_bit(came, index) {
                 *since = scan;
             }
         }
@@ -288,11 +282,8 @@ impl NamedSignals {
     /// Inputs of programs, and the probe, that are signals.
     pub fn give_inputs(&self, shown: &mut InputFeedback) {
         for (planned, value) in self.planned.iter().zip(self.values()) {
-            if let Some(bit) = planned.input.and_then(|input| 1u64.checked_shl(input)) {
-                shown.digital &= !bit;
-                if *value != 0.0 {
-                    shown.digital |= bit;
-                }
+            if let Some(input) = planned.input {
+                shown.digital = with_bit(shown.digital, input as usize, *value != 0.0);
             }
             let analog = planned.analog_input;
             if let Some(slot) = analog.and_then(|input| shown.analog.get_mut(input as usize)) {
@@ -348,9 +339,8 @@ impl NamedSignals {
     fn note_limit(&mut self, axis: usize, direction: i64, is_on: bool) -> bool {
         let [negative, positive] = &mut self.on_limit;
         let ends = if direction > 0 { positive } else { negative };
-        let bit = 1u64.checked_shl(axis as u32).unwrap_or(0);
-        let came = is_on && *ends & bit == 0;
-        *ends = if is_on { *ends | bit } else { *ends & !bit };
+        let came = is_on && !has_bit(*ends, axis);
+        *ends = with_bit(*ends, axis, is_on);
         came
     }
 
@@ -380,8 +370,8 @@ impl NamedSignals {
 
     /// Index of the first signal of [`machine::Functions::ready`] that is off.
     fn not_ready(&self) -> Option<usize> {
-        let ready = self.functions.ready.iter().copied();
-        ready.into_iter().find(|index| self.is_off(Some(*index)))
+        let mut ready = self.functions.ready.iter().copied();
+        ready.find(|index| self.is_off(Some(*index)))
     }
 
     /// Holds a signal at a value: one that the operator sets, or any.
@@ -395,33 +385,71 @@ impl NamedSignals {
             return Err(Refused::BadValue.into());
         }
         let index = request.axis as usize;
-        let room = self.latches.hold(index, request.value, u32::from(forced));
-        Ok(room.ok_or(Refused::SignalsHeld)?)
+        let how = if forced { FORCED } else { SET };
+        let room = self.latches.hold(index, request.value, how);
+        room.ok_or(Refused::SignalsHeld)?;
+        if forced {
+            self.shown.forced.set(index, true);
+        }
+        Ok(())
     }
 
     /// A forced signal follows its source again.
     pub fn let_go(&mut self, request: &OperatorRequest) -> Result<(), Refusal> {
-        if request.axis as usize >= self.planned.len() {
+        let index = request.axis as usize;
+        if index >= self.planned.len() {
             return Err(Refused::UnknownSignal.into());
         }
-        let of = request.axis.saturating_add(1);
-        for held in &mut self.latches.held {
-            if held.of == of && held.forced == 1 {
-                *held = HeldSignal::default();
-            }
+        if let Some(forced) = self.latches.find(index, FORCED) {
+            *forced = HeldSignal::default();
         }
+        self.shown.forced.set(index, false);
         Ok(())
     }
 }
 
+/// How a signal is held: set, by the operator or as what it is to keep, or forced over its source. One may be both.
+const SET: u32 = 0;
+const FORCED: u32 = 1;
+
 impl SignalLatches {
+    fn find(&mut self, index: usize, how: u32) -> Option<&mut HeldSignal> {
+        let is_it = |held: &&mut HeldSignal| held.is_of(index, how);
+        self.held.iter_mut().find(is_it)
+    }
+
+    /// What a signal is held at.
+    fn held(&self, index: usize, how: u32) -> Option<f64> {
+        let held = self.held.iter().find(|held| held.is_of(index, how));
+        held.map(|held| held.value)
+    }
+
     /// Holds a signal at a value; none where as many are held as may be.
-    fn hold(&mut self, index: usize, value: f64, forced: u32) -> Option<()> {
-        let of = index as u32 + 1;
-        let place = self.held.iter().position(|held| held.of == of);
+    fn hold(&mut self, index: usize, value: f64, how: u32) -> Option<()> {
+        let place = self.held.iter().position(|held| held.is_of(index, how));
         let place = place.or_else(|| self.held.iter().position(|held| held.of == 0))?;
-        *self.held.get_mut(place)? = HeldSignal { value, of, forced };
+        *self.held.get_mut(place)? = HeldSignal {
+            value,
+            of: index as u32 + 1,
+            forced: how,
+        };
         Some(())
+    }
+
+    /// What a signal shows that keeps its value: what its source says, or has said last.
+    fn keep(&mut self, index: usize, said: Option<f64>) -> Option<f64> {
+        let kept = self.held(index, SET);
+        if let Some(value) = said.filter(|value| kept != Some(*value)) {
+            // Where so many are held that there is no room, it is not kept: nothing else depends on it.
+            let _ = self.hold(index, value, SET);
+        }
+        said.or(kept)
+    }
+}
+
+impl HeldSignal {
+    fn is_of(&self, index: usize, how: u32) -> bool {
+        self.of == index as u32 + 1 && self.forced == how
     }
 }
 
@@ -578,3 +606,68 @@ impl<D: Drives> Master<D> {
 }
 
 const _: () = assert!(HELD_SIGNALS_MAX <= bus::sample::SIGNALS_MAX);
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SIGNALS: &str = r#"
+[[signal]]
+name = "pocket"
+kind = "int"
+keeps = true
+from = { analog_output = 0 }
+[[signal]]
+name = "switch"
+from = { by = "operator" }
+"#;
+
+    fn signals() -> NamedSignals {
+        let name = "name = \"xy\"\n";
+        let text = include_str!("../../../machines/xy/machine.toml");
+        let text = text.replacen(name, &format!("{name}{SIGNALS}"), 1);
+        NamedSignals::new(&Machine::parse("machine.toml", &text).expect("a machine"))
+    }
+
+    fn request(index: u32, value: f64) -> OperatorRequest {
+        OperatorRequest {
+            axis: index,
+            value,
+            ..OperatorRequest::default()
+        }
+    }
+
+    /// Commands once, with this analogue output.
+    fn commanded(signals: &mut NamedSignals, output: f64) -> Vec<f64> {
+        let mut levels = Levels::default();
+        levels.analog[0] = output;
+        signals.command(&levels, (Mode::Ready, false));
+        signals.values().to_vec()
+    }
+
+    #[test]
+    fn what_is_forced_stays_so_and_what_was_set_or_kept_is_there_again_behind_it() {
+        let mut signals = signals();
+        assert!(signals.hold(&request(1, 1.0), false).is_ok());
+        assert_eq!(commanded(&mut signals, 3.0), [3.0, 1.0]);
+        assert!(signals.hold(&request(0, 7.0), true).is_ok());
+        assert!(signals.hold(&request(1, 0.0), true).is_ok());
+        for output in [4.0, 5.0, f64::NAN] {
+            assert_eq!(commanded(&mut signals, output), [7.0, 0.0], "{output}");
+        }
+        // Another master goes on so.
+        let latches = signals.latches();
+        signals = self::signals();
+        signals.resume(&latches);
+        assert_eq!(commanded(&mut signals, f64::NAN), [7.0, 0.0]);
+        assert!(signals.let_go(&request(0, 0.0)).is_ok());
+        assert!(signals.let_go(&request(1, 0.0)).is_ok());
+        // Its source is lost: it shows what that has said last.
+        assert_eq!(commanded(&mut signals, f64::NAN), [5.0, 1.0]);
+        assert!(
+            signals
+                .shown()
+                .is_some_and(|shown| shown.lost.has(0) && shown.forced.is_empty())
+        );
+    }
+}
