@@ -6,7 +6,7 @@ use bus::sample::{Cause, Mode};
 use monitor::log::{Reader, Sample};
 use serde_json::Value;
 
-use crate::support::{Bench, LiveCell, Run, quadrant, run_with};
+use crate::support::{Bench, LiveCell, Run, endless_program, quadrant, run_with};
 use crate::up::{obeyed, refused};
 
 /// `xy` with these signals and functions, and contacts in its plant.
@@ -37,6 +37,16 @@ const LONG: &str = "G21 G90 G17 G94\nG1 X60 F3000\nG1 X-60\nM2\n";
 fn ended(bench: &Bench, program: &str, more: &[&str]) -> Run {
     let program = bench.file("program.ngc", program);
     run_with(bench.path(), &program, more)
+}
+
+/// A cell that is up, its drives on, with a program.
+fn loaded(bench: &Bench, program: &str) -> LiveCell {
+    let mut cell = LiveCell::up(bench.path(), "lockstep");
+    cell.wait_for(|_| true);
+    obeyed(&cell, &["enable"]);
+    let program = bench.file("program.ngc", program);
+    obeyed(&cell, &["load", program.to_str().expect("a path")]);
+    cell
 }
 
 #[test]
@@ -83,16 +93,7 @@ fn an_axis_that_hits_its_limit_switch_stops_and_goes_only_off_it_again() {
     let drive_mode = "drive_mode = \"velocity\"\n";
     let switches = format!("{drive_mode}\n[axis.limit_switches]\npositive = \"x_plus\"\n");
     bench.file("machine.toml", &text.replacen(drive_mode, &switches, 1));
-    let mut cell = LiveCell::up(bench.path(), "lockstep");
-    cell.wait_for(|_| true);
-    obeyed(&cell, &["enable"]);
-    obeyed(
-        &cell,
-        &[
-            "load",
-            bench.file("program.ngc", LONG).to_str().expect("a path"),
-        ],
-    );
+    let mut cell = loaded(&bench, LONG);
     obeyed(&cell, &["start"]);
     let now = cell.wait_for(|now| now.mode == Mode::Tripped as u32 && now.rested == 1);
     assert_eq!((now.cause, now.cause_axis), (Cause::LimitSwitch as u32, 0));
@@ -148,16 +149,7 @@ fn signals(cell: &LiveCell) -> Value {
 #[test]
 fn a_door_holds_a_missing_part_refuses_and_a_button_starts() {
     let bench = machine(DOOR, "");
-    let mut cell = LiveCell::up(bench.path(), "lockstep");
-    cell.wait_for(|_| true);
-    obeyed(&cell, &["enable"]);
-    obeyed(
-        &cell,
-        &[
-            "load",
-            bench.file("program.ngc", LONG).to_str().expect("a path"),
-        ],
-    );
+    let mut cell = loaded(&bench, LONG);
     refused(&cell, &["start"], "part");
     obeyed(&cell, &["signal", "set", "part", "on"]);
     refused(&cell, &["signal", "set", "door", "off"], "another source");
@@ -259,11 +251,7 @@ reaction = "trip"
 #[test]
 fn an_alarm_stops_the_machine_stays_until_it_is_acknowledged_and_is_in_the_events() {
     let bench = machine(ALARMS, "");
-    let mut cell = LiveCell::up(bench.path(), "lockstep");
-    cell.wait_for(|_| true);
-    obeyed(&cell, &["enable"]);
-    let program = bench.file("program.ngc", &crate::support::endless_program());
-    obeyed(&cell, &["load", program.to_str().expect("a path")]);
+    let mut cell = loaded(&bench, &endless_program());
     obeyed(&cell, &["start"]);
     cell.wait_for(|now| now.window.sequence > 4);
     obeyed(&cell, &["signal", "force", "air_ok", "off"]);

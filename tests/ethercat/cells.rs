@@ -3,6 +3,7 @@
 
 use std::fs;
 use std::path::Path;
+use std::process::{Child, Stdio};
 use std::time::{Duration, Instant};
 
 use crate::runs::{Run, circle, run};
@@ -112,6 +113,20 @@ fn a_drive_that_vanishes_faults_or_loses_its_power_stops_the_others_in_that_scan
     }
 }
 
+/// A cell of a machine in lockstep that stays up, in a folder of its own.
+pub fn up(network: &Network, [machine, out, cell]: [&str; 3]) -> Child {
+    network
+        .command(env!("CARGO_BIN_EXE_quadrant"))
+        .args([
+            "up", machine, "--pace", "lockstep", "--out", out, "--cell", cell,
+        ])
+        .current_dir(root())
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .expect("a cell")
+}
+
 /// Waits until `quadrant status --json` of a cell shows this.
 pub fn await_status(
     network: &Network,
@@ -203,16 +218,7 @@ fn a_bus_without_a_standby_is_started_again_and_the_program_goes_on_from_its_pla
         shown(&program),
         shown(&machine.path().join("up")),
     );
-    let mut up = network
-        .command(env!("CARGO_BIN_EXE_quadrant"))
-        .args([
-            "up", &folder, "--pace", "lockstep", "--out", &out, "--cell", &cell,
-        ])
-        .current_dir(root())
-        .stdout(std::process::Stdio::null())
-        .stderr(std::process::Stdio::null())
-        .spawn()
-        .expect("a cell");
+    let mut up = up(&network, [&folder, &out, &cell]);
     let await_mode = |what: &str, wanted: &str| {
         await_status(&network, &cell, what, |status| mode(status) == wanted);
     };

@@ -6,10 +6,10 @@ use std::path::Path;
 
 use tempfile::TempDir;
 
-use crate::cells::{await_status, mode, order};
+use crate::cells::{await_status, mode, order, up};
 use crate::runs::Done;
 use crate::segment::{MASTER, Network, Segment, machine};
-use crate::support::{root, unique_cell};
+use crate::support::unique_cell;
 
 /// What `io_terminal.py` is: 8 inputs, 8 outputs, an analogue value each way, a counter.
 fn terminal_file() -> String {
@@ -125,8 +125,19 @@ fn ran(network: &Network, machine: &TempDir, program: &str, faults: Option<&str>
     }
 }
 
-fn events(machine: &TempDir) -> String {
-    fs::read_to_string(machine.path().join("run/events.jsonl")).expect("events")
+/// Runs a program to its end, which says this.
+fn says(
+    (network, machine): (&Network, &TempDir),
+    (program, faults): (&str, Option<&str>),
+    words: &str,
+) -> Done {
+    let done = ran(network, machine, program, faults);
+    let kind = done.text("/outcome/kind");
+    assert_eq!(kind, "completed", "{}", done.printed());
+    let events = machine.path().join("run/events.jsonl");
+    let events = fs::read_to_string(events).expect("events");
+    assert!(events.contains(words), "{events}");
+    done
 }
 
 #[test]
@@ -171,17 +182,10 @@ fn a_program_commands_a_terminal_and_reads_it_and_no_output_changes_when_the_own
         repeat = { times = 10, every_scans = 60 }\n";
     for faults in [None, None, Some(kills)] {
         let segment = segment(&network, &[]);
-        let done = ran(&network, &machine, SPEAKS, faults);
-        assert_eq!(
-            done.text("/outcome/kind"),
-            "completed",
-            "{}",
-            done.printed()
-        );
-        let events = events(&machine);
-        assert!(
-            events.contains("level 2.500000 parts 65537.000000"),
-            "{events}"
+        let done = says(
+            (&network, &machine),
+            (SPEAKS, faults),
+            "level 2.500000 parts 65537.000000",
         );
         runs.push((
             segment.order("outputs 3"),
@@ -207,17 +211,10 @@ fn signals_of_a_terminal_that_vanishes_have_the_values_for_it_and_a_program_can_
     let _segment = segment(&network, &["--at", "enabled+500 drop 3"]);
     let program = "G21 G90\nM66 P5 L3 Q1\n#1=#5399\nM66 P5 L4 Q5\n#2=#5399\nM66 E0 L0\n#3=#5399\nG1 X5 F3000\n\
                    (DEBUG,chain #1 #2 level #3)\nM2\n";
-    let done = ran(&network, &machine, program, None);
-    assert_eq!(
-        done.text("/outcome/kind"),
-        "completed",
-        "{}",
-        done.printed()
-    );
-    let events = events(&machine);
-    assert!(
-        events.contains("chain 1.000000 0.000000 level -1.000000"),
-        "{events}"
+    says(
+        (&network, &machine),
+        (program, None),
+        "chain 1.000000 0.000000 level -1.000000",
     );
 }
 
@@ -235,16 +232,7 @@ fn a_terminal_that_lost_its_power_comes_back_when_the_drives_are_to_be_switched_
     assert!(scan.contains("chain from channel 1"), "{scan}");
     let out = machine.path().join("up").to_string_lossy().into_owned();
     let cell = unique_cell();
-    let mut up = network
-        .command(env!("CARGO_BIN_EXE_quadrant"))
-        .args([
-            "up", &folder, "--pace", "lockstep", "--out", &out, "--cell", &cell,
-        ])
-        .current_dir(root())
-        .stdout(std::process::Stdio::null())
-        .stderr(std::process::Stdio::null())
-        .spawn()
-        .expect("a cell");
+    let mut up = up(&network, [&folder, &out, &cell]);
     let await_mode = |what: &str, wanted: &str| {
         await_status(&network, &cell, what, |status| mode(status) == wanted);
     };
