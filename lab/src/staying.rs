@@ -307,10 +307,7 @@ impl Cell {
     /// The same, with the first two axes not far from the middle of their travel.
     pub fn ready_in_the_middle(&mut self) {
         self.ready_and_homed();
-        let mut line = OperatorRequest {
-            order: Order::Jog as u32,
-            ..OperatorRequest::default()
-        };
+        let mut line = OperatorRequest::of(Order::Jog);
         for axis in 0..2 {
             let (left_mm, travel_mm) = self.to_the_middle(axis);
             if left_mm.abs() > travel_mm / 4.0 {

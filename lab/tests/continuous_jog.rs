@@ -30,10 +30,7 @@ fn load(name: &str) -> (Machine, PlantFile) {
 }
 
 fn order(order: Order) -> OperatorRequest {
-    OperatorRequest {
-        order: order as u32,
-        ..OperatorRequest::default()
-    }
+    OperatorRequest::of(order)
 }
 
 fn on(direction: f64, speed_mm_s: f64) -> OperatorRequest {

@@ -72,10 +72,7 @@ fn ends(name: &'static str) -> Vec<End> {
 }
 
 fn order(order: Order) -> OperatorRequest {
-    OperatorRequest {
-        order: order as u32,
-        ..OperatorRequest::default()
-    }
+    OperatorRequest::of(order)
 }
 
 /// A cell whose axis begins so far inwards from the end, negative outside.

@@ -293,10 +293,7 @@ impl Bench {
     fn homes_jogs_and_runs(mut self) {
         self.scans(1);
         if self.now.hold == 0 {
-            let request = OperatorRequest {
-                order: Order::Hold as u32,
-                ..OperatorRequest::default()
-            };
+            let request = OperatorRequest::of(Order::Hold);
             assert_eq!(self.cell.order(&request).accepted, 1, "{}", self.axes);
             self.scans(300);
         }
@@ -329,10 +326,7 @@ impl Bench {
             }
         }
         self.scans(200);
-        let request = OperatorRequest {
-            order: Order::Resume as u32,
-            ..OperatorRequest::default()
-        };
+        let request = OperatorRequest::of(Order::Resume);
         assert_eq!(self.cell.order(&request).accepted, 1, "{}", self.axes);
         while self.scan() {}
         assert_eq!(self.now.mode, Mode::Finished as u32, "{}", self.axes);

@@ -136,7 +136,7 @@ impl Physics {
     }
 }
 
-/// How far the axis has dropped, and how far it may, in µm.
+/// Drop of the axis, and the largest that is allowed, in µm.
 #[derive(Debug, Clone, Copy, Default)]
 struct Drop {
     um: f64,

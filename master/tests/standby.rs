@@ -105,10 +105,7 @@ impl Bench {
     }
 
     fn order(&mut self, order: Order) -> Refused {
-        let answer = self.side.order(&OperatorRequest {
-            order: order as u32,
-            ..OperatorRequest::default()
-        });
+        let answer = self.side.order(&OperatorRequest::of(order));
         Refused::from_wire(answer.reason).expect("a known reason")
     }
 

@@ -230,10 +230,7 @@ impl MasterPorts for Scan<'_> {
         let cell = &mut *self.cell;
         let saved = &mut cell.page.saved;
         let mut accepted = |order: Order| {
-            let (answer, latches) = judge(&OperatorRequest {
-                order: order as u32,
-                ..OperatorRequest::default()
-            });
+            let (answer, latches) = judge(&OperatorRequest::of(order));
             let keeps = answer.accepted == 1 && !self.frame.makes(Mistake::AnsweredBeforeSaved);
             if let Some(saved) = saved.as_mut().filter(|_| keeps) {
                 Arc::make_mut(saved).latch(&latches);

@@ -82,10 +82,7 @@ impl Cell {
         let order = go_on_order(feedback);
         order.is_some_and(|order| {
             let mut master = (**master).clone();
-            let answer = master.order(&OperatorRequest {
-                order: order as u32,
-                ..OperatorRequest::default()
-            });
+            let answer = master.order(&OperatorRequest::of(order));
             // Where it goes on by itself as soon as it may, it does not wait.
             answer.accepted == 1 && !goes_on_by_itself(frame, feedback.mode)
         })

@@ -445,10 +445,7 @@ impl MasterPorts for Peers {
             due.push(order.request);
         }
         if self.launcher.is_stop_due(&self.feedback) {
-            due.push(OperatorRequest {
-                order: Order::Down as u32,
-                ..OperatorRequest::default()
-            });
+            due.push(OperatorRequest::of(Order::Down));
         }
         for request in due {
             let (answer, latches) = judge(&request);

@@ -402,10 +402,7 @@ impl Cell {
             return;
         }
         self.ordered = Some(Instant::now());
-        let request = OperatorRequest {
-            order: order as u32,
-            ..OperatorRequest::default()
-        };
+        let request = OperatorRequest::of(order);
         // As every order of a terminal: a client of its own.
         self.order = None;
         if let Ok(client) = self.bus.operator_client()

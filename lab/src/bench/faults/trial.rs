@@ -300,10 +300,7 @@ impl Machines {
 fn held_instead(shown: &Shown, scenario: &Scenario) -> Vec<Vec<ScriptedOrder>> {
     let order = |scan: u64, order: Order| ScriptedOrder {
         scan,
-        request: OperatorRequest {
-            order: order as u32,
-            ..OperatorRequest::default()
-        },
+        request: OperatorRequest::of(order),
     };
     // Seen at the boundary a period before the setpoint, in effect from the setpoint on.
     let seen = |scan: u64| scan.saturating_sub(9);
@@ -421,10 +418,7 @@ fn held_contour_mm(machines: &Machines, prepared: &Prepared) -> anyhow::Result<f
         .max(period);
     let order = |scan: u64, order: Order| ScriptedOrder {
         scan,
-        request: OperatorRequest {
-            order: order as u32,
-            ..OperatorRequest::default()
-        },
+        request: OperatorRequest::of(order),
     };
     let mut largest_mm = 0.0f64;
     let mut scan = period;

@@ -125,10 +125,7 @@ pub fn asked(cell: &mut Cell, request: &OperatorRequest) -> Result<Refused, Stri
 
 /// An order without a value.
 pub fn order(order: Order) -> OperatorRequest {
-    OperatorRequest {
-        order: order as u32,
-        ..OperatorRequest::default()
-    }
+    OperatorRequest::of(order)
 }
 
 /// The direction in which an axis has room; off what a probe could touch.
