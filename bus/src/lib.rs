@@ -15,6 +15,7 @@
 #[macro_use]
 mod wire_enum;
 
+pub mod builder_program;
 pub mod cell;
 pub mod drive_codes;
 pub mod drive_page;

@@ -84,7 +84,7 @@ struct Physics {
     brake_n: f64,
     closing_s: f64,
     scan_s: f64,
-    /// Of the drive's velocity loop, in kg over N·s/m and in s.
+    /// Moved mass over the gain of the drive's velocity loop, and the loop's integral time, in s.
     lag_s: f64,
     integral_s: f64,
     quick_stop_m_s2: f64,
@@ -103,7 +103,7 @@ impl Physics {
             integral_s: axis.velocity_loop.integral_time_ms * 1e-3,
             quick_stop_m_s2: axis.quick_stop_mm_s2 * 1e-3,
             radius_m: plant.radius_m(),
-            mass_kg: plant.motor_mass_kg() + plant.table.mass_kg,
+            mass_kg,
             weight_n: plant.gravity.expect("weight").force_n,
             brake_n: brake.torque_nm / plant.radius_m(),
             closing_s: brake.closing_ms * 1e-3,

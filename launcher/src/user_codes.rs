@@ -1,18 +1,17 @@
 //! User M-codes: programs of the machine builder that a part program has run. Each call is run once, and ended where it takes too long.
 
-use std::os::unix::process::{CommandExt, ExitStatusExt};
+use std::os::unix::process::ExitStatusExt;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, ExitStatus, Stdio};
+use std::process::{Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
 use anyhow::bail;
+use bus::builder_program::BuilderProgram;
 use bus::cell::CellPaths;
-use bus::process::{end_all_with, end_with_parent, keep_files_back};
 use bus::user_codes::{self, CallEnd, CallId, UserCall};
 use machine::Machine;
 use program::{EventKind, Program};
 use rustix::fs::Access;
-use rustix::process::{Pid, Signal, WaitId, WaitIdOptions, kill_process_group, waitid};
 
 use console::logs;
 
@@ -31,7 +30,7 @@ pub struct UserCodes {
 
 struct Running {
     call: UserCall,
-    child: Child,
+    program: BuilderProgram,
     since: Instant,
 }
 
@@ -50,12 +49,15 @@ impl UserCodes {
     /// Begins what is asked for, and says how what ran has ended.
     pub fn look(&mut self) {
         if let Some(running) = &self.running {
-            let has_ended = running.has_ended();
+            let has_ended = running.program.has_ended();
             if !has_ended && running.since.elapsed() < self.patience {
                 return;
             }
             let call = running.call;
-            let status = self.end_running();
+            let status = self
+                .running
+                .take()
+                .and_then(|mut running| running.program.end());
             let limit_s = self.patience.as_secs_f64();
             let failed = match has_ended {
                 true => status.and_then(bad_end),
@@ -77,21 +79,20 @@ impl UserCodes {
             .args([call.p, call.q].map(|value| format!("{value:.6}")))
             .stdin(Stdio::null())
             .stdout(Stdio::null())
-            .stderr(Stdio::piped())
-            // Ctrl-C goes to the launcher alone.
-            .process_group(0);
-        end_with_parent(&mut command, Signal::KILL);
-        keep_files_back(&mut command);
-        command.env(MARK, mark(&call));
+            .stderr(Stdio::piped());
         let (p, q, line) = (call.p, call.q, call.line);
         tracing::info!("line {line}: {name} runs, P {p} Q {q}");
-        match command.spawn() {
-            Ok(mut child) => {
+        match BuilderProgram::start(&mut command, MARK, mark(&call)) {
+            Ok(mut program) => {
                 // What it prints is told; a thread that cannot be had only costs that.
-                let lines = child.stderr.take();
+                let lines = program.child.stderr.take();
                 let _ = lines.map(|lines| logs::forward_all(name, lines));
                 let since = Instant::now();
-                self.running = Some(Running { call, child, since });
+                self.running = Some(Running {
+                    call,
+                    program,
+                    since,
+                });
             }
             Err(error) => {
                 let file = self.folder.join(name);
@@ -110,38 +111,12 @@ impl UserCodes {
             tracing::error!("how M{} has ended cannot be told: {error}", call.code);
         }
     }
-
-    /// Ends what runs, with all that it has started. As long as it is not reaped, nobody else has its number.
-    fn end_running(&mut self) -> Option<ExitStatus> {
-        let mut running = self.running.take()?;
-        let group = Pid::from_child(&running.child);
-        let _ = kill_process_group(group, Signal::KILL);
-        let status = running.child.wait().ok();
-        end_all_with(MARK, &mark(&running.call));
-        status
-    }
 }
 
 /// What a call and all that it starts have in their environment.
 fn mark(call: &UserCall) -> String {
     let CallId { load, run, event } = call.id;
     format!("{}-{load}-{run}-{event}", std::process::id())
-}
-
-impl Running {
-    /// Whether it has ended; it is not reaped yet.
-    fn has_ended(&self) -> bool {
-        let process = WaitId::Pid(Pid::from_child(&self.child));
-        let look = WaitIdOptions::EXITED | WaitIdOptions::NOHANG | WaitIdOptions::NOWAIT;
-        // Who cannot be waited for is not there any more.
-        waitid(process, look).map_or(true, |ended| ended.is_some())
-    }
-}
-
-impl Drop for UserCodes {
-    fn drop(&mut self) {
-        self.end_running();
-    }
 }
 
 /// Refuses a program with a user M-code that has no program to run, before it moves.

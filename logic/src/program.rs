@@ -2,15 +2,13 @@
 
 use std::ffi::OsString;
 use std::io::{BufRead, BufReader, Read, Write};
-use std::os::unix::process::CommandExt;
 use std::path::Path;
-use std::process::{Child, ChildStdin, Command, Stdio};
+use std::process::{ChildStdin, Command, Stdio};
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError};
 use std::time::{Duration, Instant};
 
-use bus::process::{end_all_with, end_with_parent, keep_files_back};
+use bus::builder_program::BuilderProgram;
 use quadrant_logic::protocol::{Answer, Hello, LINE_BYTES_MAX, Question, Ready};
-use rustix::process::{Pid, Signal, kill_process_group};
 use serde::Serialize;
 
 /// In the environment of the program and all that it starts.
@@ -36,11 +34,10 @@ pub enum Said {
 /// A running program. It ends with this value.
 #[derive(Debug)]
 pub struct Program {
-    child: Child,
+    running: BuilderProgram,
     to: ChildStdin,
     lines: Receiver<Result<String, String>>,
     ready: bool,
-    mark: String,
 }
 
 impl Program {
@@ -66,19 +63,15 @@ impl Program {
         command
             .args(arguments)
             .current_dir(folder)
-            .env(MARK, &mark)
             .env("PYTHONPATH", with_modules(modules))
             // Nothing is left in the cell's folder that was not put there.
             .env("PYTHONDONTWRITEBYTECODE", "1")
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
-            .stderr(Stdio::inherit())
-            .process_group(0);
-        end_with_parent(&mut command, Signal::KILL);
-        keep_files_back(&mut command);
+            .stderr(Stdio::inherit());
         let cannot = |error| format!("{}: {error}", program.display());
-        let mut child = command.spawn().map_err(cannot)?;
-        let (to, from) = (child.stdin.take(), child.stdout.take());
+        let mut running = BuilderProgram::start(&mut command, MARK, mark).map_err(cannot)?;
+        let (to, from) = (running.child.stdin.take(), running.child.stdout.take());
         let (Some(to), Some(from)) = (to, from) else {
             return Err("it has no standard streams".into());
         };
@@ -97,11 +90,10 @@ impl Program {
             .name("qd-logic-said".into())
             .spawn(listen);
         let mut program = Program {
-            child,
+            running,
             to,
             lines,
             ready: false,
-            mark,
         };
         listens.map_err(|error| format!("no thread to listen to it: {error}"))?;
         program.say(hello)?;
@@ -191,21 +183,13 @@ impl Program {
     /// Status of a program that has ended, which may show a moment after the end of its streams; else why it counts as ended.
     fn end_words(&mut self, why: &str) -> String {
         for _ in 0..END_LOOKS {
-            if let Ok(Some(status)) = self.child.try_wait() {
-                return format!("it ended with {status}");
+            if self.running.has_ended() {
+                let status = self.running.end();
+                return status.map_or(why.into(), |status| format!("it ended with {status}"));
             }
             std::thread::sleep(END_LOOK);
         }
         why.into()
-    }
-}
-
-impl Drop for Program {
-    fn drop(&mut self) {
-        let group = Pid::from_child(&self.child);
-        let _ = kill_process_group(group, Signal::KILL);
-        let _ = self.child.wait();
-        end_all_with(MARK, &self.mark);
     }
 }
 

@@ -106,8 +106,8 @@ pub(super) struct DriveAxis {
     seen: bool,
     device: DeviceState,
     missed: u32,
-    /// So many cycles in a row may be missed by all before the drive counts as lost. What it makes of that itself it says in the next
-    /// cycle that comes back.
+    /// Missed cycles in a row after which the drive counts as lost. What the drive makes of them it says in the next cycle that comes
+    /// back.
     missed_max: u32,
     /// Velocity that is commanded, in mm/s: a stop brakes from there.
     commanded_mm_s: f64,
