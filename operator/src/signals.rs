@@ -1,6 +1,5 @@
 //! `signal`: the named inputs and outputs of a running cell, shown, set and forced.
 
-use anyhow::anyhow;
 use bus::sample::{OperatorRequest, Order, Signals, has_bit};
 use console::exit::{Failure, Outcome};
 use console::output::{joined, say};
@@ -78,13 +77,8 @@ pub fn alarms_of(options: &AlarmsOptions) -> Outcome {
     }
     let client = Client::find(cell, "alarms")?;
     let states = now(&client)?.map_or(Vec::new(), |signals| alarms(&client.machine, &signals));
-    if options.json {
-        let json = serde_json::to_string_pretty(&states);
-        return json
-            .map(|json| say(&json))
-            .map_err(|error| Failure::Stopped(anyhow!(error)));
-    }
     match states.is_empty() {
+        _ if options.json => say(&serde_json::to_string_pretty(&states).unwrap_or_default()),
         true => client.say("no alarm"),
         false => say(&joined(states.iter().map(alarm_words), "\n")),
     }
@@ -128,13 +122,11 @@ pub fn signal(options: &SignalOptions) -> Outcome {
         None | Some(SignalChangeOptions::List) => {
             let client = Client::find(cell, "signals")?;
             let states = signals_of(&client)?;
-            if options.json {
-                let json = serde_json::to_string_pretty(&states);
-                return json
-                    .map(|json| say(&json))
-                    .map_err(|error| Failure::Stopped(anyhow!(error)));
-            }
-            say(&table(&states));
+            say(&if options.json {
+                serde_json::to_string_pretty(&states).unwrap_or_default()
+            } else {
+                table(&states)
+            });
             return Ok(());
         }
         Some(SignalChangeOptions::Set { name, value }) => (name, value.as_str(), Order::Signal),

@@ -12,7 +12,9 @@ use fieldbus::drive_file::{self, DriveFile, Identity};
 use fieldbus::process_data::{self, Pdo};
 use fieldbus::terminal_file::{self, TerminalFile};
 
-use crate::options::{BusCheckOptions, BusCommand, BusOptions, DriveFileOptions, IoFileOptions};
+use crate::options::{
+    BusCheckOptions, BusCommand, BusOptions, DriveFileOptions, EsiOptions, IoFileOptions,
+};
 use crate::{bus_scan, bus_sdo};
 use console::exit::{Kind, Outcome};
 use console::output::say;
@@ -43,11 +45,7 @@ fn make(options: &DriveFileOptions) -> Outcome {
         .as_deref()
         .and_then(|word| modes.find(|mode| mode.word() == word));
     let made = esi::from_esi(&esi, device, mode).input()?;
-    let path = options
-        .of
-        .out
-        .clone()
-        .unwrap_or_else(|| default_path("drives", device));
+    let path = written(&options.of, "drives", device);
     write_new(&path, &esi::write(&made.drive, device))?;
     let shown = path.display();
     let drive = &made.drive;
@@ -67,8 +65,7 @@ fn make_terminal(options: &IoFileOptions) -> Outcome {
     let esi = Esi::load(&options.of.esi).input()?;
     let device = choose_terminal(&esi, options.of.choice(options.device)).input()?;
     let made = esi::terminal_from_esi(&esi, device).input()?;
-    let path = options.of.out.clone();
-    let path = path.unwrap_or_else(|| default_path("terminals", device));
+    let path = written(&options.of, "terminals", device);
     let text = esi::write_terminal(&made, device);
     let shown = path.display();
     write_new(&path, &text)?;
@@ -142,7 +139,13 @@ fn terminal_words(terminal: &TerminalFile) -> String {
     )
 }
 
-/// `drives/NAME.toml`, of the device's short name.
+/// The file that is written.
+fn written(of: &EsiOptions, folder: &str, device: &Device) -> PathBuf {
+    let named = of.out.clone();
+    named.unwrap_or_else(|| default_path(folder, device))
+}
+
+/// `drives/NAME.toml` or `terminals/NAME.toml`, of the device's short name.
 fn default_path(folder: &str, device: &Device) -> PathBuf {
     let mut name = String::new();
     for letter in device.type_name.chars() {
@@ -154,7 +157,10 @@ fn default_path(folder: &str, device: &Device) -> PathBuf {
     }
     name.truncate(NAME_LETTERS_MAX);
     let name = name.trim_end_matches('-');
-    let name = if name.is_empty() { "device" } else { name };
+    let name = match name {
+        "" => folder.trim_end_matches('s'),
+        name => name,
+    };
     Path::new(folder).join(format!("{name}.toml"))
 }
 
@@ -204,6 +210,6 @@ mod tests {
         assert_eq!(of("EVS-NET-01"), "drives/evs-net-01.toml");
         assert_eq!(of("CiA402 Motor (Drive)"), "drives/cia402-motor-drive.toml");
         assert_eq!(of("../../etc"), "drives/etc.toml");
-        assert_eq!(of("驱动"), "drives/device.toml");
+        assert_eq!(of("驱动"), "drives/drive.toml");
     }
 }
