@@ -10,8 +10,8 @@ use machine::Machine;
 use plant_sim::plant_file::PlantFile;
 use plant_sim::script::faults;
 
-/// From a stop to the order that ends it.
-const ORDER_SCANS: u64 = 40;
+/// From a stop to the order that ends it: longer than drives and brake take to come on.
+const ORDER_SCANS: u64 = 100;
 /// The tool is this near its path, which is looked at in steps of half of it.
 const PATH_MM: f64 = 0.01;
 /// What smoothing keeps the tool behind its place on the path.

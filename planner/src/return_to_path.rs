@@ -28,8 +28,8 @@ const ACCELERATION_SHARE: f64 = 0.1;
 /// Speed of the return with a tap in its thread, in mm/s: some ten turns a minute, which a spindle has at once.
 const IN_THREAD_MM_S: f64 = 0.2;
 
-/// Where Z and the axes beside it are both further off than this, in mm, Z goes down last, or up first: whoever lifted the tool had a
-/// reason. A nearer place is returned to in a straight line, as after a trip.
+/// Where the axes beside Z are further off than this, in mm, Z goes up first, however little; and down last if it has this far to go: whoever
+/// lifted the tool had a reason. A nearer place is returned to in a straight line, as after a trip.
 const OVER_MM: f64 = 1.0;
 
 /// A planned return.
@@ -106,7 +106,8 @@ fn corner_above(from: &AxisVector, to: &AxisVector, z_axis: usize) -> Option<Axi
     };
     *corner.get_mut(z_axis)? = height;
     let aside_mm = (corner - if from_z >= to_z { *from } else { *to }).norm();
-    ((from_z - to_z).abs() > OVER_MM && aside_mm > OVER_MM).then_some(corner)
+    let off_height = from_z < to_z || from_z - to_z > OVER_MM;
+    (off_height && aside_mm > OVER_MM).then_some(corner)
 }
 
 /// The machine with the accelerations of a return. Both of its ends are where the axes have stood, which may be outside by what an axis
@@ -164,6 +165,8 @@ mod tests {
         for (from, to, corner) in [
             (point(0.0, 50.0), point(9.0, -2.0), Some(point(9.0, 50.0))),
             (point(9.0, -5.0), point(0.0, 3.0), Some(point(9.0, 3.0))),
+            // A planner that dies leaves a start at a line a little below its height.
+            (point(40.0, -20.26), point(0.0, -20.0), Some(point(40.0, -20.0))),
             // Pushed by a trip, lifted straight up, moved aside at its height.
             (point(0.3, 0.2), point(0.0, 0.0), None),
             (point(0.0, 50.0), point(0.2, 3.0), None),

@@ -130,8 +130,6 @@ pub(super) struct Auxiliary {
     comes_back: bool,
     /// What planners said up to this scan is of another program, or of another run of it.
     messages_after: u64,
-    /// Line that the program of a run is to begin at, until its drives are on; 0 for none.
-    begins_at_line: u32,
     /// Something latched has changed since it was last asked.
     changed: bool,
 }
@@ -174,7 +172,6 @@ impl Auxiliary {
             released: false,
             comes_back: false,
             messages_after: 0,
-            begins_at_line: 0,
             changed: false,
         }
     }
@@ -617,7 +614,6 @@ impl Auxiliary {
     fn release(&mut self, mode: Mode, hold: bool, program: &Loaded) {
         match mode {
             Mode::Enabled if !hold => {
-                self.begins_at_line = 0;
                 self.comes_back |= !self.released && self.turns();
                 self.released = true;
             }
@@ -628,8 +624,12 @@ impl Auxiliary {
                 self.comes_back = false;
                 // Of a program that is running they come back with `resume`.
                 if mode == Mode::Finished || !program.is_running() {
+                    let start_line = self.latches.start_line;
                     self.latches.end_program();
-                    self.latches.start_line = self.begins_at_line;
+                    // One that was not begun yet waits for its drives, with the line that it is to begin at.
+                    if mode != Mode::Finished {
+                        self.latches.start_line = start_line;
+                    }
                 }
             }
         }

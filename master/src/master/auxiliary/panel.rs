@@ -11,7 +11,6 @@ impl Auxiliary {
     pub fn begin_with(&mut self, beginning: &Beginning) {
         self.latches.single_block = u32::from(beginning.single_block);
         self.latches.start_line = beginning.start_line;
-        self.begins_at_line = beginning.start_line;
     }
 
     pub fn switch_optional_stop(&mut self, value: f64) -> Result<(), Refusal> {
