@@ -130,12 +130,17 @@ fn shortened(text: &str) -> String {
     text.get(..end).unwrap_or_default().to_owned() + CUT
 }
 
-fn place_of(number: u32) -> u64 {
+/// Runs whose texts are kept side by side: who reads late finds those of the run before, though the next one speaks already.
+const RUNS_KEPT: u32 = 2;
+
+/// Where a text is in the file, in bytes.
+fn place_of(run: u32, number: u32) -> u64 {
     let place = match number {
         TROUBLE => MESSAGES_KEPT,
         number => number % MESSAGES_KEPT,
     };
-    u64::from(place) * SLOT_BYTES as u64
+    let of_run = u64::from(run % RUNS_KEPT) * u64::from(MESSAGES_KEPT + 1);
+    (of_run + u64::from(place)) * SLOT_BYTES as u64
 }
 
 /// Writes texts, in the planner.
@@ -162,7 +167,7 @@ impl MessageWriter {
         };
         for message in messages {
             let slot = Slot::of(load, run, message);
-            file.write_all_at(bytemuck::bytes_of(&slot), place_of(message.number))?;
+            file.write_all_at(bytemuck::bytes_of(&slot), place_of(run, message.number))?;
         }
         Ok(())
     }
@@ -296,7 +301,7 @@ pub fn why(path: &Path, feedback: &Feedback) -> Option<ProgramMessage> {
 fn read(file: &File, run: u32, number: u32) -> Option<ProgramMessage> {
     let mut slot = Slot::zeroed();
     let bytes = bytemuck::bytes_of_mut(&mut slot);
-    file.read_exact_at(bytes, place_of(number)).ok()?;
+    file.read_exact_at(bytes, place_of(run, number)).ok()?;
     slot.message(run, number)
 }
 
