@@ -139,7 +139,7 @@ fn who_gave_a_program_up_stands_in_its_report_in_the_events_and_in_what_waits_fo
 
 #[test]
 fn who_waits_for_a_program_is_told_that_a_part_of_its_log_is_missing() {
-    let (_bench, mut cell, short, _) = up("lockstep");
+    let (_bench, mut cell, short, _) = up("realtime");
     obeyed(&cell, &["enable"]);
     obeyed(&cell, &["load", &short]);
     obeyed(&cell, &["override", "10%"]);
@@ -148,6 +148,10 @@ fn who_waits_for_a_program_is_told_that_a_part_of_its_log_is_missing() {
     let waits = waits.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn();
     cell.wait_for(|f| f.tag.element >= 1);
     let recorder = cell.pid_of("quadrant recorder");
+    // What it has not read is lost with it.
+    send(recorder, libc::SIGSTOP);
+    let stopped = cell.wait_for(|_| true);
+    cell.wait_for_scan(stopped.scan + 200);
     send(recorder, libc::SIGKILL);
     cell.wait_for_another("quadrant recorder", recorder);
     obeyed(&cell, &["override", "100%"]);
@@ -162,4 +166,27 @@ fn who_waits_for_a_program_is_told_that_a_part_of_its_log_is_missing() {
     );
     let run = down(cell);
     assert_eq!(agreed(&run.out, "001-short").0, "completed");
+}
+
+/// The order to end is lost with the master that had it; the one that takes its place gets it too, and nobody has interrupted anything.
+#[test]
+fn a_cell_whose_master_dies_with_the_order_to_end_is_ended_by_the_next_one() {
+    let (_bench, mut cell, _, long) = up("realtime");
+    obeyed(&cell, &["enable"]);
+    obeyed(&cell, &["load", &long]);
+    obeyed(&cell, &["start"]);
+    cell.wait_for(|now| now.window.sequence > 4);
+    let master = cell.pid_of("quadrant plant-sim");
+    send(master, libc::SIGSTOP);
+    let mut down = quadrant();
+    down.args(["down", "--cell", &cell.cell]);
+    let mut down = down.spawn().expect("down");
+    // It asks meanwhile, or asks the next one.
+    std::thread::sleep(std::time::Duration::from_millis(150));
+    send(master, libc::SIGKILL);
+    assert_eq!(down.wait().expect("down").code(), Some(0));
+    let run = cell.finish();
+    let events = std::fs::read_to_string(run.out.join("events.jsonl")).expect("events");
+    assert!(!events.contains("interrupted"), "{events}");
+    assert_ne!(run.status(), 130, "{}", run.stderr());
 }

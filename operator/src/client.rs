@@ -21,7 +21,7 @@ use console::output::{joined, say};
 use launcher::origin;
 
 /// A cell that has not answered by then is silent.
-const ANSWER_LIMIT: Duration = Duration::from_secs(5);
+pub(super) const ANSWER_LIMIT: Duration = Duration::from_secs(5);
 /// Places of clients that were killed are free again by then.
 const PLACE_LIMIT: Duration = Duration::from_millis(2500);
 /// Time between two tries to get one.

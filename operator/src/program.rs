@@ -22,6 +22,7 @@ use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::{Signal, pidfd_send_signal};
 
 use super::Client;
+use super::client::ANSWER_LIMIT;
 use super::eyes::Eyes;
 use crate::options::{LoadOptions, OperatorOptions, StartOptions};
 use console::exit::{Failure, Kind, Outcome};
@@ -477,7 +478,15 @@ pub fn down(options: &OperatorOptions) -> Outcome {
     let cell = client.cell.place.name().to_string();
     let launcher = watch(client.cell.page.launcher_pid())
         .map_err(|_| Failure::Stopped(anyhow!("cell {cell:?} has just ended")))?;
-    if let Err(failure) = client.ask(Order::Down, OperatorRequest::default())
+    let asked = Instant::now();
+    let ask = || client.ask(Order::Down, OperatorRequest::default());
+    let mut failed = ask().err();
+    let died = failed.is_some() && asked.elapsed() < ANSWER_LIMIT;
+    if died && !ends_by_itself(&client, &launcher) {
+        // Its master died with the order, or the order was refused: the master there is now is asked.
+        failed = ask().err();
+    }
+    if let Some(failure) = failed
         && !ends_by_itself(&client, &launcher)
     {
         // Nobody there to answer: its launcher ends what is left of it.
