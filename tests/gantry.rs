@@ -1,15 +1,17 @@
 //! Axes with two motors, through real processes in lockstep: the skew, the deaths of their servos, jogs, and what is refused.
 
 use std::fs;
+use std::time::Duration;
 
 use bus::sample::{Feedback, Mode, ProgramState};
 use machine::Machine;
 use monitor::log::{Reader, Sample};
+use plant_sim::script::rng::Rng;
 use serde_json::Value;
 
 use crate::size;
-use crate::support::{Bench, Run, number, quadrant, run, run_with, send, text};
-use crate::up::{is, obeyed, up_on};
+use crate::support::{Bench, LiveCell, Run, number, quadrant, run, run_with, send, text};
+use crate::up::{ask, is, obeyed, up_on};
 
 /// The largest skew that these machines have while all is well: two motors with the same loops on a bridge.
 const SKEW_UM: f64 = 20.0;
@@ -433,6 +435,113 @@ fn a_gantry_is_enabled_and_homed_after_an_emergency_stop_and_a_dead_master_in_it
     obeyed(&cell, &["load", &short]);
     cell.wait_for(|now| is(now, Mode::Ready, ProgramState::Loaded));
     obeyed(&cell, &["start"]);
+    cell.wait_for(|now| is(now, Mode::Ready, ProgramState::Done));
+    obeyed(&cell, &["down"]);
+    assert_eq!(cell.finish().status(), 0);
+}
+
+/// An interruption leaves motors that stand pulling against each other by no more of their rated torque, in percent, beside what friction
+/// holds after a homing that nobody disturbed.
+const STANDING_PERCENT: f64 = 0.5;
+
+/// Enables the machine and homes it, as an operator does who tries again after a moment.
+fn comes_home(cell: &mut LiveCell, what: &str) {
+    for _ in 0..20 {
+        let done = |words: &[&str]| ask(cell, words);
+        let (enabled, homed) = (done(&["enable"]), done(&["home", "--wait"]));
+        if (enabled.status, homed.status) == (0, 0) {
+            return;
+        }
+        println!("{what}: {} {}", enabled.text.trim(), homed.text.trim());
+        std::thread::sleep(Duration::from_millis(200));
+    }
+    panic!("{what}: it cannot be enabled and homed");
+}
+
+/// Mean difference of the torques of the two motors over some scans in which the machine stands, in percent of the rated one.
+fn standing_percent(cell: &mut LiveCell, rated_nm: f64) -> f64 {
+    let from = cell.wait_for(|_| true).scan;
+    let looks = (1..=20u64).map(|look| {
+        let now = cell.wait_for_scan(from + 500 + 10 * look);
+        assert_eq!(Mode::from_wire(now.mode), Some(Mode::Ready));
+        now.axes[2].torque_nm - now.axes[0].torque_nm
+    });
+    100.0 * (looks.sum::<f64>() / 20.0 / rated_nm).abs()
+}
+
+/// Orders, and processes that are killed.
+const INTERRUPTIONS: [&str; 7] = [
+    "estop",
+    "hold",
+    "disable",
+    "stop",
+    "servo --axis X --role",
+    "servo --axis X2 --role",
+    "plant-sim",
+];
+
+fn interrupt(cell: &mut LiveCell, how: &str, what: &str) {
+    if how.contains('-') {
+        let pid = cell.pid_of(how);
+        send(pid, libc::SIGKILL);
+        cell.wait_for_another(how, pid);
+        return;
+    }
+    let said = ask(cell, &[how]);
+    // While it moves some are refused: "wait until it stands, or hold it".
+    assert!(said.status == 0 || how != "estop", "{what}: {}", said.text);
+    if said.status != 0 {
+        obeyed(cell, &["hold"]);
+    }
+}
+
+#[test]
+fn a_gantry_whose_homing_is_interrupted_anyhow_and_anywhere_is_enabled_and_homed_afterwards() {
+    let bench = quickly_homed(&[("watchdog_scans = 50", "watchdog_scans = 1000")]);
+    let restart = "[restart]\nrestarts_max = 1000\nservo = \"wait\"\nmaster = \"wait\"\n\n[scan]\n";
+    let bench = edited(bench, "machine.toml", &[("[scan]\n", restart)]);
+    let rated_nm = {
+        let machine = Machine::load(bench.path()).expect("a machine");
+        machine.axes[0].motor.rated_torque_nm
+    };
+    let (_bench, mut cell, short, _) = up_on(bench, "realtime");
+    let mut rng = Rng::new(35);
+    let (mut first, mut worst_percent) = (0, 0.0f64);
+    let homings = size::number("HOMINGS", 6, 100);
+    comes_home(&mut cell, "undisturbed");
+    let undisturbed_percent = standing_percent(&mut cell, rated_nm);
+    for homing in 0..homings {
+        obeyed(&cell, &["enable"]);
+        let begins = cell.wait_for(|_| true);
+        first += u64::from(begins.axes[0].reference != 0);
+        let after = rng.below(2_500);
+        let how = rng.pick(&INTERRUPTIONS).copied().unwrap_or("estop");
+        let what = format!("homing {homing}, {how} after {after} scans");
+        while ask(&cell, &["home"]).text.contains("wait until it stands") {
+            std::thread::sleep(Duration::from_millis(50));
+        }
+        cell.wait_for_scan(begins.scan + after);
+        interrupt(&mut cell, how, &what);
+        if rng.one_in(2) {
+            // The next one begins where this one was interrupted, homed before or not.
+            comes_home(&mut cell, &what);
+            let percent = standing_percent(&mut cell, rated_nm);
+            assert!(
+                percent <= undisturbed_percent + STANDING_PERCENT,
+                "{what}: {percent:.2} %"
+            );
+            worst_percent = worst_percent.max(percent);
+        }
+    }
+    comes_home(&mut cell, "the end");
+    println!(
+        "{homings} homings interrupted, {first} of them first ones; standing {worst_percent:.2} % of the rated torque at most, \
+         {undisturbed_percent:.2} % undisturbed"
+    );
+    obeyed(&cell, &["load", &short]);
+    obeyed(&cell, &["start"]);
+    // A hold that has interrupted it last still holds.
+    obeyed(&cell, &["resume"]);
     cell.wait_for(|now| is(now, Mode::Ready, ProgramState::Done));
     obeyed(&cell, &["down"]);
     assert_eq!(cell.finish().status(), 0);

@@ -114,7 +114,9 @@ fn in_hold_the_way_to_go_leads_to_the_end_of_the_block_and_after_a_jog_nothing_i
     obeyed(&cell, &["load", &program]);
     obeyed(&cell, &["start"]);
     // Where it may be jogged: it stands in hold, and has for as long as that takes.
-    cell.wait_for(|now| now.hold == 1 && now.rested == 1 && now.mode == Mode::Enabled as u32);
+    let held =
+        cell.wait_for(|now| now.hold == 1 && now.rested == 1 && now.mode == Mode::Enabled as u32);
+    cell.wait_for_scan(held.scan + 200);
     let held = status(&cell);
     let [x, y] = [&held["axes"][0], &held["axes"][1]];
     for (axis, end_mm) in [(x, 40.0), (y, 20.0)] {

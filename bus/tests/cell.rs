@@ -9,6 +9,9 @@ use bus::service::{Bus, SCAN_DEPTH, Shape};
 use bus::signal_page::{CellPhase, MACHINE_STATE_BYTES, SignalPage};
 use bytemuck::Zeroable;
 
+/// A process that another test starts has this one's locks until it runs its own program.
+const BRIEFLY: Duration = Duration::from_millis(200);
+
 fn place(test: &str) -> CellPaths {
     CellPaths::new(&format!("b{}-{test}", std::process::id())).expect("a name")
 }
@@ -33,7 +36,7 @@ fn a_cell_has_one_owner_at_a_time_and_its_folder_goes_with_him() {
     ));
     drop(first);
     assert!(!place.folder().exists());
-    drop(place.own(Duration::ZERO).expect("the cell again"));
+    drop(place.own(BRIEFLY).expect("the cell again"));
 }
 
 #[test]
@@ -45,15 +48,11 @@ fn a_cell_whose_members_live_is_not_taken_from_them() {
     drop(owner);
     assert!(place.folder().exists());
     assert!(matches!(
-        place.own(Duration::ZERO),
+        place.own(BRIEFLY),
         Err(CellError::MembersLive { .. })
     ));
     drop(member);
-    drop(
-        place
-            .own(Duration::ZERO)
-            .expect("the cell, now that nobody lives"),
-    );
+    drop(place.own(BRIEFLY).expect("the cell, now that nobody lives"));
     assert!(!place.folder().exists());
 }
 

@@ -166,7 +166,11 @@ mod tests {
             (point(0.0, 50.0), point(9.0, -2.0), Some(point(9.0, 50.0))),
             (point(9.0, -5.0), point(0.0, 3.0), Some(point(9.0, 3.0))),
             // A planner that dies leaves a start at a line a little below its height.
-            (point(40.0, -20.26), point(0.0, -20.0), Some(point(40.0, -20.0))),
+            (
+                point(40.0, -20.26),
+                point(0.0, -20.0),
+                Some(point(40.0, -20.0)),
+            ),
             // Pushed by a trip, lifted straight up, moved aside at its height.
             (point(0.3, 0.2), point(0.0, 0.0), None),
             (point(0.0, 50.0), point(0.2, 3.0), None),

@@ -140,7 +140,7 @@ impl Planner {
         }
     }
 
-    /// The user M-code that is to have run before this status is published, if the program rests before one.
+    /// The user M-code that is to have run before this status is published, if the program rests before one that runs a program.
     pub(super) fn user_call(
         &self,
         status: &PlannerStatus,
@@ -148,7 +148,9 @@ impl Planner {
     ) -> Option<UserCall> {
         let event = &status.event;
         let course = self.course.as_ref()?;
-        (event.code == EventCode::UserCode as u32).then(|| UserCall {
+        let by_machine = self.machine.functions.machine_codes();
+        let runs = event.code == EventCode::UserCode as u32 && !by_machine.contains(&event.index);
+        runs.then(|| UserCall {
             id: CallId {
                 load: feedback.load,
                 run: feedback.run,
