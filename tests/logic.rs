@@ -225,3 +225,153 @@ fn logic_that_hangs_is_lost_after_its_deadline_and_started_again() {
     obeyed(&cell, &["down"]);
     cell.finish();
 }
+
+/// M-codes that a logic does: what it did stands in a file beside it, a line each.
+const CODES: &str = r#"
+[[signal]]
+name = "code"
+kind = "int"
+from = { state = "m-code" }
+[[signal]]
+name = "code_p"
+kind = "float"
+from = { state = "m-code-p" }
+[[signal]]
+name = "code_call"
+kind = "float"
+from = { state = "m-code-call" }
+[[signal]]
+name = "did"
+kind = "float"
+keeps = true
+from = { by = "logic" }
+[[signal]]
+name = "done"
+from = { by = "logic" }
+[functions.m_codes]
+numbers = [110, 111]
+done = "done"
+patience_s = 5
+"#;
+
+const CLAMP: &str = r#"
+import quadrant_logic
+
+begun = None
+
+def update(io):
+    global begun
+    code = io["code"]
+    if code == 0:
+        io["done"] = False
+        begun = None
+        return
+    if io["did"] == io["code_call"]:
+        io["done"] = True
+        return
+    if begun is None:
+        begun = io.time_s
+    if io.time_s - begun >= 0.2:
+        with open("did.txt", "a") as file:
+            file.write(f"{code:.0f} {io['code_p']:g}\n")
+        io["did"] = io["code_call"]
+
+quadrant_logic.run(update)
+"#;
+
+const CLAMPED: &str = "G21 G90 G17 G94\nM110 P2.5\nG1 X5 F3000\nM111\nM110\nG1 X0\nM2\n";
+
+#[test]
+fn an_m_code_is_done_by_the_logic_once_in_its_order_and_the_program_waits_for_it() {
+    if !has_python() {
+        return;
+    }
+    let name = "name = \"xy\"\n";
+    let table = "[logic]\ncommand = [\"python3\", \"./logic.py\"]\non_loss = \"go-on\"\n";
+    let bench = Bench::of("xy", &[(name, &format!("{name}{CODES}{table}"))]);
+    let folder = bench.path().display().to_string();
+    let clamp = CLAMP.replace("did.txt", &format!("{folder}/did.txt"));
+    bench.file("logic.py", &clamp);
+    let did = || {
+        let did = fs::read_to_string(bench.path().join("did.txt")).unwrap_or_default();
+        let _ = fs::remove_file(bench.path().join("did.txt"));
+        did
+    };
+    let program = bench.file("program.ngc", CLAMPED);
+    let all = "110 2.5\n111 -1\n110 -1\n";
+    let run = run_with(bench.path(), &program, &[]);
+    assert_eq!(run.status(), 0, "{}", run.stderr());
+    assert_eq!(did(), all);
+    // 0.2 s each and some questions: so long the code is shown.
+    let shown = course(&run.out, 0);
+    let scans = shown.iter().filter(|(_, code, _)| *code != 0.0).count();
+    assert!((600..750).contains(&scans), "{scans}");
+    // The logic, the planner or the master is killed while one is under way.
+    for (process, scans) in [
+        ("logic", [150, 260, 700]),
+        ("planner", [150, 290, 700]),
+        ("plant-sim", [150, 300, 720]),
+    ] {
+        for scan in scans {
+            let faults = format!(
+                "[restart]\nplanner = \"resume\"\nmaster = \"wait\"\n[[fault]]\nat = {{ scan = {scan} }}\nprocess = \"{process}\"\ndo = \"kill\"\nrestart_after_scans = 40\n"
+            );
+            let faults = bench.file("faults.toml", &faults).display().to_string();
+            let orders = "[[order]]\nscan = 1200\norder = \"enable\"\n[[order]]\nscan = 1500\norder = \"resume\"\n";
+            let orders = bench.file("orders.toml", orders).display().to_string();
+            let run = run_with(
+                bench.path(),
+                &program,
+                &["--faults", &faults, "--orders", &orders],
+            );
+            assert_eq!(run.status(), 0, "{process} {scan}: {}", run.stderr());
+            assert_eq!(did(), all, "{process} {scan}");
+        }
+    }
+    // Nobody does it.
+    bench.file("logic.py", &clamp.replace("io[\"done\"] = True", "pass"));
+    let run = run_with(bench.path(), &program, &[]);
+    assert_eq!(run.status(), 1, "{}", run.stderr());
+    let report = run.report();
+    let reason = report["outcome"]["reason"].as_str().expect("a reason");
+    assert!(
+        reason.contains("the machine did not do an M-code in time"),
+        "{reason}"
+    );
+}
+
+#[test]
+fn m_codes_of_the_machine_are_refused_where_they_mean_nothing() {
+    let name = "name = \"xy\"\n";
+    let table = "[logic]\ncommand = [\"python3\", \"./logic.py\"]\n";
+    for (what, by, right) in [
+        (
+            "done = \"done\"\npatience_s",
+            "done = \"code\"\npatience_s",
+            "must be a switch",
+        ),
+        (
+            "state = \"m-code\" }",
+            "state = \"mist\" }",
+            "that shows what is to be done",
+        ),
+        ("[110, 111]", "[99]", "100"),
+    ] {
+        assert!(CODES.contains(what), "{what}");
+        let codes = CODES.replace(what, by);
+        let bench = Bench::of("xy", &[(name, &format!("{name}{codes}{table}"))]);
+        bench.file("logic.py", CLAMP);
+        let program = bench.file("program.ngc", CLAMPED);
+        let run = run_with(bench.path(), &program, &[]);
+        assert_eq!(run.status(), 2, "{by}: {}", run.stderr());
+        assert!(run.stderr().contains(right), "{by}: {}", run.stderr());
+    }
+    let bench = Bench::of("xy", &[(name, &format!("{name}{CODES}{table}"))]);
+    bench.file("logic.py", CLAMP);
+    for (block, right) in [("M110 Q3", "has no Q"), ("M120", "[functions.m_codes]")] {
+        let program = bench.file("program.ngc", &format!("{block}\nM2\n"));
+        let run = run_with(bench.path(), &program, &[]);
+        assert_eq!(run.status(), 2, "{block}: {}", run.stderr());
+        assert!(run.stderr().contains(right), "{block}: {}", run.stderr());
+    }
+}

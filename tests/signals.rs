@@ -284,8 +284,24 @@ fn an_alarm_stops_the_machine_stays_until_it_is_acknowledged_and_is_in_the_event
     refused(&cell, &["enable"], "alarm");
     obeyed(&cell, &["signal", "release", "oil"]);
     obeyed(&cell, &["enable"]);
+    // The launcher notes what it sees, some times a second.
+    let mut history = String::new();
+    while !history.contains("alarm 710") {
+        history = obeyed(&cell, &["alarms", "history"]);
+    }
     obeyed(&cell, &["down"]);
     let run = cell.finish();
+    let lines: Vec<&str> = history.lines().collect();
+    assert!(
+        lines.len() >= 4 && lines[0].contains("alarm 700, no air"),
+        "{history}"
+    );
+    let told = quadrant()
+        .args(["alarms", "history"])
+        .arg(&run.out)
+        .output();
+    let told = String::from_utf8(told.expect("alarms history").stdout).expect("UTF-8");
+    assert!(told.starts_with(&history), "{told} {history}");
     let events = events_below(&run.out);
     for words in [
         "alarm 700, no air",
@@ -294,4 +310,118 @@ fn an_alarm_stops_the_machine_stays_until_it_is_acknowledged_and_is_in_the_event
     ] {
         assert!(events.contains(words), "{words}: {events}");
     }
+}
+
+const WHEEL: &str = r#"
+[[signal]]
+name = "counts"
+kind = "int"
+from = { by = "operator" }
+[[signal]]
+name = "wheel_x"
+from = { by = "operator" }
+[[signal]]
+name = "wheel_y"
+from = { by = "operator" }
+[[signal]]
+name = "wheel_10"
+from = { by = "operator" }
+[[signal]]
+name = "grip"
+from = { by = "operator" }
+[functions.handwheel]
+counts = "counts"
+counts_per_click = 4
+step_mm = 0.01
+times_10 = "wheel_10"
+enable = "grip"
+axes = { X = "wheel_x", Y = "wheel_y" }
+"#;
+
+#[test]
+fn a_handwheel_moves_the_chosen_axis_click_by_click_and_nothing_else_ever() {
+    let bench = machine(WHEEL, "");
+    let mut cell = loaded(&bench, LONG);
+    let standing = |cell: &mut LiveCell| {
+        let asked = cell.wait_for(|_| true).scan;
+        let now = cell.wait_for(|now| now.scan > asked + 300 && now.mode == Mode::Ready as u32);
+        [0, 1].map(|axis| now.axes[axis].command_position)
+    };
+    let first = standing(&mut cell);
+    // X and Y from where they stood, in clicks of 0.01 mm, once they stand.
+    let clicks = |cell: &mut LiveCell, first: &[i64; 2]| {
+        let now = standing(cell);
+        [0, 1].map(|axis| {
+            let way = now[axis] - first[axis];
+            assert_eq!(way % 10_000, 0, "axis {axis}: {way}");
+            way / 10_000
+        })
+    };
+    let set = |cell: &LiveCell, changes: &[(&str, &str)]| {
+        for (name, value) in changes {
+            obeyed(cell, &["signal", "set", name, value]);
+        }
+    };
+    for (changes, expected) in [
+        // Nothing is chosen, or nobody holds it.
+        (&[("counts", "40")][..], [0, 0]),
+        (&[("wheel_x", "1"), ("counts", "80")], [0, 0]),
+        // What it was turned before moves nothing; less than a click neither.
+        (&[("grip", "1")], [0, 0]),
+        (&[("counts", "100")], [5, 0]),
+        (&[("counts", "103")], [5, 0]),
+        (&[("counts", "104"), ("counts", "92")], [3, 0]),
+        (&[("wheel_10", "1"), ("counts", "96")], [13, 0]),
+        // Two axes are none.
+        (&[("wheel_y", "1"), ("counts", "140")], [13, 0]),
+        (&[("wheel_x", "0"), ("wheel_10", "0")], [13, 0]),
+        (&[("counts", "132")], [13, -2]),
+        // Over the end of its counter.
+        (&[("grip", "0"), ("counts", "-8")], [13, -2]),
+        (&[("grip", "1"), ("counts", "4")], [13, 1]),
+    ] {
+        set(&cell, changes);
+        assert_eq!(clicks(&mut cell, &first), expected, "{changes:?}");
+    }
+    // With the drives off, and while a program runs, it moves nothing then or later.
+    obeyed(&cell, &["disable"]);
+    set(&cell, &[("counts", "400")]);
+    obeyed(&cell, &["enable"]);
+    let first = standing(&mut cell);
+    set(&cell, &[("counts", "404")]);
+    assert_eq!(clicks(&mut cell, &first), [0, 1]);
+    obeyed(&cell, &["start"]);
+    set(&cell, &[("counts", "800")]);
+    let done = cell.wait_for(|now| now.mode == Mode::Ready as u32 && now.program == 4);
+    let end = done.axes[1].command_position;
+    set(&cell, &[("counts", "804")]);
+    cell.wait_for(|now| now.axes[1].command_position == end + 10_000);
+    obeyed(&cell, &["down"]);
+    cell.finish();
+}
+
+const LUBE: &str = r#"
+[[signal]]
+name = "lube"
+from = { travel = "X", every_m = 0.1, for_ms = 50 }
+to = { terminal = 4, channel = 3 }
+"#;
+
+#[test]
+fn a_pump_is_on_when_an_axis_moves_first_and_each_time_it_has_gone_so_far() {
+    let bench = machine(LUBE, "");
+    // 60 + 120 mm: with the first motion, and 100 mm later.
+    let run = ended(&bench, LONG, &[]);
+    assert_eq!(run.status(), 0, "{}", run.stderr());
+    let samples = Reader::open(&run.out.join("run.mcap")).expect("the log");
+    let (mut begins, mut before, mut on) = (0, 0.0, 0);
+    for sample in samples {
+        if let Ok(Sample::Signals(signals)) = sample {
+            let now = signals.values[0];
+            begins += u32::from(now > before);
+            on += u32::from(now == 1.0);
+            before = now;
+        }
+    }
+    assert_eq!((begins, on), (2, 100));
 }

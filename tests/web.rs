@@ -201,7 +201,13 @@ fn the_page_and_all_it_needs_come_from_the_cell() {
         assert!(html.contains(&format!("\"{file}\"")), "{file}");
     }
     let (_, script) = page.get("/page.js");
-    for file in ["pictures.js", "orders.js", "runs.js", "stream.js"] {
+    for file in [
+        "pictures.js",
+        "orders.js",
+        "runs.js",
+        "signals.js",
+        "stream.js",
+    ] {
         assert!(script.contains(&format!("\"./{file}\"")), "{file}");
         let (head, _) = page.get(&format!("/{file}"));
         assert!(head.starts_with("HTTP/1.1 200 OK"), "{file}: {head}");

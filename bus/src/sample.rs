@@ -254,6 +254,8 @@ wire_enum! {
         LogicTrip = 39 => "stopped by the machine's own logic",
         /// An alarm of the machine stops it.
         MachineAlarm = 40 => "an alarm of the machine (quadrant alarms)",
+        /// The machine has not done an M-code in time.
+        MachineCode = 41 => "the machine did not do an M-code in time",
     }
     /// A sentence fragment for people.
     pub fn words

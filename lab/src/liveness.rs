@@ -240,6 +240,7 @@ impl<'a> Liveness<'a> {
             | Cause::Stalled
             | Cause::Spindle
             | Cause::ToolChange
+            | Cause::MachineCode
             | Cause::Skew
             | Cause::GantryTorque
             | Cause::EmergencyStopChain

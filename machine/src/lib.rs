@@ -80,7 +80,8 @@ pub use processes::Processes;
 pub use restart::{AfterLoss, AfterMaster, AfterMonitor, AfterStandby, Restart};
 pub use reversal::{PositionErrorPart, PulseShape, Reversal, ReversalMethod, Trigger};
 pub use signals::{
-    Functions, LimitSwitches, MachineState, SetBy, Signal, SignalKind, SignalSink, SignalSource,
+    Functions, Handwheel, LimitSwitches, MachineCodes, MachineState, SetBy, Signal, SignalKind,
+    SignalSink, SignalSource,
 };
 pub use tool_table::{Tool, parse_tools};
 pub use weight::{Brake, BrakeBy, FREE_FALL_M_S2, Gravity};

@@ -1,6 +1,8 @@
 //! `[[signal]]` and `[functions]`: named inputs and outputs of the machine, and what the controller itself does with them
 //! (docs/howto/signals.md).
 
+use std::collections::BTreeMap;
+
 use bus::sample::{ANALOG_INPUTS, ANALOG_OUTPUTS, DIGITAL_INPUTS, DIGITAL_OUTPUTS};
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -89,7 +91,7 @@ impl SignalKind {
 
 /// Where the value of a signal comes from: exactly one of them. Where drives are simulated, the
 /// [plant file](plant-file.md#contact) says what a drive or terminal shows.
-#[derive(Debug, Clone, PartialEq, Eq, Default, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, PartialEq, Default, Deserialize, JsonSchema)]
 pub struct SignalSource {
     /// Axis whose drive has the input, `bit` of its digital inputs (object 60FD).
     pub drive: Option<String>,
@@ -112,6 +114,14 @@ pub struct SignalSource {
     pub state: Option<MachineState>,
     /// Who sets it.
     pub by: Option<SetBy>,
+    /// Axis whose travel counts, and `every_m`: a pulse of `for_ms` each time it has travelled so far, and when it moves first.
+    pub travel: Option<String>,
+    /// Travel from a pulse to the next one; of a rotary axis a metre is 1000°.
+    #[schemars(extend("unit" = "m", "exclusiveMinimum" = 0, "maximum" = 100_000))]
+    pub every_m: Option<f64>,
+    /// Length of a pulse.
+    #[schemars(extend("unit" = "ms", "minimum" = 1, "maximum" = 3_600_000))]
+    pub for_ms: Option<f64>,
 }
 
 /// Who sets a signal that no device shows.
@@ -136,6 +146,8 @@ pub enum MachineState {
     SpindleSpeed,
     /// It is commanded to stand at an angle (M19).
     SpindleOrient,
+    /// The angle at which it is commanded to stand, in degrees.
+    SpindleAngle,
     /// Coolant as mist (M7).
     Mist,
     /// Coolant as flood (M8).
@@ -150,6 +162,12 @@ pub enum MachineState {
     ProgramRuns,
     /// The machine has tripped.
     Tripped,
+    /// The M-code that the machine is to do ([`MachineCodes`]); 0 for none.
+    MCode,
+    /// Its P; -1 without one.
+    MCodeP,
+    /// A number of its own for each time that one is to be done: after the death of a process the same one is the same call.
+    MCodeCall,
 }
 
 /// Where a signal goes, one or several of them.
@@ -189,6 +207,7 @@ impl SignalSource {
             self.analog_output.is_some(),
             self.state.is_some(),
             self.by.is_some(),
+            self.travel.is_some(),
         ];
         named.into_iter().filter(|named| *named).count()
     }
@@ -196,7 +215,7 @@ impl SignalSource {
 
 /// Signals that the controller itself acts on. Each is the name of a `[[signal]]`; none need be named. **These are no safety functions**:
 /// what protects people stays in hardware ([safety](../howto/signals.md#no-safety-function)).
-#[derive(Debug, Clone, PartialEq, Eq, Default, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, PartialEq, Default, Deserialize, JsonSchema)]
 pub struct Functions {
     /// A switch, 1 while the emergency-stop chain is closed. Open, or its wire lost: the machine brakes at its limits and trips; `enable`
     /// is refused until it is closed.
@@ -223,11 +242,80 @@ pub struct Functions {
     pub spindle_at_speed: Option<String>,
     /// A number, the speed that the spindle shows in rev/min, without its sign.
     pub spindle_speed: Option<String>,
+    /// A switch, 1 while the spindle stands at its commanded angle: what M19 waits for.
+    pub spindle_oriented: Option<String>,
     /// A number, the tool that the changer shows in the spindle.
     pub tool_in_spindle: Option<String>,
+    /// M-codes that the machine itself does.
+    pub m_codes: Option<MachineCodes>,
+    /// A handwheel that moves axes by hand.
+    pub handwheel: Option<Handwheel>,
+}
+
+/// M-codes that the machine itself does, by its logic or its wiring. The program rests, the signals of `m-code` and `m-code-p` show what is
+/// to be done, and the program goes on once it is done; then they show 0, and no other code before `done` is off again.
+#[derive(Debug, Clone, PartialEq, Default, Deserialize, JsonSchema)]
+pub struct MachineCodes {
+    /// Their numbers, of M100 to M199; the others run [programs](../howto/user-codes.md).
+    #[schemars(length(min = 1, max = 100), inner(range(min = 100, max = 199)))]
+    pub numbers: Vec<u32>,
+    /// A switch, 1 once the code that is shown is done.
+    pub done: String,
+    /// Longest wait for it; after it the machine trips.
+    #[schemars(extend("unit" = "s", "exclusiveMinimum" = 0, "maximum" = 3600, "default" = 60.0))]
+    pub patience_s: f64,
+}
+
+/// A handwheel: a running count, and switches that say which axis follows it by how much. What it counts while no axis is chosen, or none
+/// may be jogged, moves nothing later.
+#[derive(Debug, Clone, PartialEq, Default, Deserialize, JsonSchema)]
+pub struct Handwheel {
+    /// A whole number, the count of its encoder.
+    pub counts: String,
+    /// Counts from one click to the next.
+    #[schemars(extend("unit" = "counts", "minimum" = 1, "maximum" = 1_000_000, "default" = 4))]
+    pub counts_per_click: u32,
+    /// The switch of each axis that can be chosen; none moves while two are on.
+    #[schemars(extend("additionalProperties" = {
+        "type": "string", "description": "Switch that chooses the axis of this name."
+    }))]
+    pub axes: BTreeMap<String, String>,
+    /// Way of a click; of rotary axes in degrees. The sign says which way round.
+    #[schemars(extend("unit" = "mm", "minimum" = -10, "maximum" = 10, "default" = 0.001))]
+    pub step_mm: f64,
+    /// A switch: ten times the way.
+    pub times_10: Option<String>,
+    /// A switch: a hundred times the way.
+    pub times_100: Option<String>,
+    /// A switch that must be on for it to move anything, such as an enabling button.
+    pub enable: Option<String>,
+    /// Whether the axis rests with the wheel, and counts that it could not keep up with are lost; otherwise each count is travelled.
+    #[schemars(extend("default" = false))]
+    pub rests_with_wheel: bool,
+}
+
+impl Handwheel {
+    /// Its switches, by their key.
+    pub(crate) fn switches(&self) -> impl Iterator<Item = (String, &str)> {
+        let others = [
+            ("times_10", &self.times_10),
+            ("times_100", &self.times_100),
+            ("enable", &self.enable),
+        ];
+        let others = others
+            .into_iter()
+            .filter_map(|(key, name)| Some((key.to_string(), name.as_deref()?)));
+        let axes = self.axes.iter();
+        others.chain(axes.map(|(axis, name)| (format!("axes.{axis}"), name.as_str())))
+    }
 }
 
 impl Functions {
+    /// M-codes that the machine itself does.
+    pub fn machine_codes(&self) -> &[u32] {
+        self.m_codes.as_ref().map_or(&[], |codes| &codes.numbers)
+    }
+
     /// Each function that is named, by its key, with the name of its signal and whether it wants a switch.
     pub fn named(&self) -> impl Iterator<Item = (&'static str, &str, bool)> {
         let single = [
@@ -241,6 +329,7 @@ impl Functions {
             ("probe", &self.probe, true),
             ("spindle_at_speed", &self.spindle_at_speed, true),
             ("spindle_speed", &self.spindle_speed, false),
+            ("spindle_oriented", &self.spindle_oriented, true),
             ("tool_in_spindle", &self.tool_in_spindle, false),
         ];
         let single = single

@@ -24,12 +24,14 @@ mod coupling;
 mod emergency_stop;
 mod gantry;
 mod hand;
+mod handwheel;
 mod homing;
 mod inner;
 mod jog;
 mod loaded;
 mod logic;
 mod losses;
+mod machine_codes;
 mod manual;
 mod modes;
 mod orders;
@@ -43,6 +45,7 @@ mod silence;
 mod single_block;
 mod start_at_line;
 mod switching_on;
+mod travel;
 mod wheel;
 
 use auxiliary::Auxiliary;
@@ -239,6 +242,9 @@ impl<D: Drives> Master<D> {
         let mut auxiliary = self.drives.auxiliary();
         self.signals.give_auxiliary(&levels, &mut auxiliary);
         self.auxiliary.take(auxiliary);
+        self.auxiliary
+            .machine_codes
+            .take(self.signals.code_is_done());
         let from = self.axes.on_path(program_position);
         let taken = self.timing.subsamples as usize;
         let axes = self.axes.iter_mut().zip(&self.drive_commands).enumerate();

@@ -72,8 +72,8 @@ pub struct HeldSignal {
     pub value: f64,
     /// Its index in the machine file and 1; 0 for none.
     pub of: u32,
-    /// 1 if it has another source, which counts no more.
-    pub forced: u32,
+    /// 1 if it is forced over its source, 2 for what the axis of its pulses has travelled, in mm.
+    pub how: u32,
 }
 
 /// Spindle, coolant, outputs, tool, the operator's switches and the events that are done.

@@ -263,7 +263,7 @@ pub enum ToolChangeOptions {
 /// What `quadrant alarms` takes.
 #[derive(Debug, Clone, Args)]
 #[command(
-    after_help = "Shows the alarms of a running cell's machine that are there, or that nobody has acknowledged:\n  quadrant alarms\n  quadrant alarms acknowledge 700\n  quadrant alarms acknowledge\n\nEach stands with its number, the time since the cell's first scan, its text and what to do. What came, went and was acknowledged is in events.jsonl of the run."
+    after_help = "Shows the alarms of a running cell's machine that are there, or that nobody has acknowledged:\n  quadrant alarms\n  quadrant alarms acknowledge 700\n  quadrant alarms acknowledge\n  quadrant alarms history\n\nEach stands with its number, the time since the cell's first scan, its text and what to do. `history` shows what came, went and was acknowledged."
 )]
 pub struct AlarmsOptions {
     /// Name of the cell [default: the only one that runs, if its machine is one of this folder]
@@ -284,6 +284,11 @@ pub enum AlarmsChangeOptions {
     Acknowledge {
         /// Its number [default: all]
         number: Option<u32>,
+    },
+    /// What came, went and was acknowledged, oldest first
+    History {
+        /// Directory of a run, or of a cell that stayed up [default: of the running cell]
+        folder: Option<PathBuf>,
     },
 }
 

@@ -1,10 +1,16 @@
 //! `signal`: the named inputs and outputs of a running cell, shown, set and forced.
 
+use std::path::PathBuf;
+
+use anyhow::{Context, anyhow};
+use bus::files::open_to_read;
 use bus::sample::{OperatorRequest, Order, Signals, has_bit};
-use console::exit::{Failure, Outcome};
+use console::exit::{Failure, Kind, Outcome};
 use console::output::{joined, say};
+use launcher::children::children_of;
 use machine::{Machine, Signal, SignalKind};
 use remote::state::{AlarmState, SignalState};
+use serde_json::Value;
 
 use super::client::{Client, soon_held};
 use crate::eyes::Eyes;
@@ -75,12 +81,55 @@ pub fn alarms_of(options: &AlarmsOptions) -> Outcome {
         client.say("acknowledged");
         return Ok(());
     }
+    if let Some(AlarmsChangeOptions::History { folder }) = &options.change {
+        return history(cell, folder.clone(), options.json);
+    }
     let client = Client::find(cell, "alarms")?;
     let states = now(&client)?.map_or(Vec::new(), |signals| alarms(&client.machine, &signals));
     match states.is_empty() {
         _ if options.json => say(&serde_json::to_string_pretty(&states).unwrap_or_default()),
         true => client.say("no alarm"),
         false => say(&joined(states.iter().map(alarm_words), "\n")),
+    }
+    Ok(())
+}
+
+/// What the events of a run, or of a cell and its runs, tell of alarms.
+fn history(cell: Option<&str>, folder: Option<PathBuf>, json: bool) -> Outcome {
+    let folder = match folder {
+        Some(folder) => folder,
+        None => {
+            let client = Client::find(cell, "alarms history")?;
+            let children = children_of(client.cell.page.launcher_pid());
+            let of_recorder = children.into_iter().find_map(|child| child.out);
+            of_recorder.ok_or_else(|| {
+                Failure::Stopped(anyhow!(
+                    "nobody records: name the directory, as in `quadrant alarms history DIR`"
+                ))
+            })?
+        }
+    };
+    let machine = Machine::load(&folder).input()?;
+    let file = folder.join("events.jsonl");
+    let text = open_to_read(&file).and_then(std::io::read_to_string);
+    let text = text.with_context(|| file.display().to_string()).input()?;
+    let all = text.lines().filter_map(|line| {
+        let event: Value = serde_json::from_str(line).ok()?;
+        let of_alarm = event["event"].as_str()?.starts_with("alarm");
+        of_alarm.then_some((event["scan"].as_u64()?, event["text"].as_str()?.to_string()))
+    });
+    let all: Vec<(u64, String)> = all.collect();
+    let time_s = |scan: u64| scan as f64 * machine.scan_period_s();
+    if json {
+        let all = all.iter().map(|(scan, text)| {
+            serde_json::json!({ "scan": scan, "time_s": time_s(*scan), "text": text })
+        });
+        say(&serde_json::to_string_pretty(&all.collect::<Vec<_>>()).unwrap_or_default());
+    } else if all.is_empty() {
+        say("no alarm");
+    } else {
+        let line = |(scan, text): &(u64, String)| format!("{:.3} s  {text}", time_s(*scan));
+        say(&joined(all.iter().map(line), "\n"));
     }
     Ok(())
 }

@@ -281,9 +281,14 @@ impl State {
             return Ok(());
         };
         let code = number / 10;
-        if !self.equipment.user_codes {
-            let right = "user M-codes run a program of the machine builder: the machine file names their folder ([program] user_codes)";
+        let by_machine = self.equipment.machine_codes.contains(&code);
+        if !by_machine && !self.equipment.user_codes {
+            let right = "user M-codes run a program of the machine builder, or are done by the machine: the machine file names the folder ([program] user_codes) or the numbers ([functions.m_codes])";
             return refuse(word.offset, format!("M{code}"), right);
+        }
+        if let Some(q) = words.value('Q').filter(|_| by_machine) {
+            let right = "an M-code that the machine does has no Q: its value is P";
+            return refuse(q.offset, "Q", right);
         }
         let value = |letter| words.value(letter).map_or(-1.0, |word| word.value);
         let (p, q) = (value('P'), value('Q'));

@@ -51,6 +51,8 @@ pub struct Setup {
     pub probe: bool,
     /// User M-codes, M100 to M199, are switched on.
     pub user_codes: bool,
+    /// Those that the machine itself does.
+    pub machine_codes: Vec<u32>,
     /// How far the path may leave the programmed one in G64 without P, in mm; above 0 programs begin in G64, else in G61.
     pub tolerance_mm: f64,
     /// Highest speed of the spindle, in rev/min: what is fed per turn in G96 goes no faster.

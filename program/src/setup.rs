@@ -64,6 +64,7 @@ impl Setup {
                 .as_ref()
                 .map(|spindle| spindle.speed_max_rpm),
             user_codes: !machine.program.user_codes.is_empty(),
+            machine_codes: machine.functions.machine_codes().to_vec(),
             ..Setup::default()
         }
     }

@@ -201,6 +201,8 @@ wire_enum! {
         Input = 9 => "an input (M66)",
         /// Single block: the block is done, the operator resumes.
         SingleBlock = 10 => "the operator (single block)",
+        /// The machine does an M-code.
+        MachineCode = 11 => "the machine to do an M-code",
     }
     /// In words.
     pub fn words

@@ -4,7 +4,7 @@ use bus::sample::{ALARMS_MAX, SIGNALS_MAX};
 
 use crate::machine::Machine;
 use crate::settings_file::Rules;
-use crate::signals::{SetBy, Signal, SignalKind, SignalSource};
+use crate::signals::{MachineState, SetBy, Signal, SignalKind, SignalSource};
 
 const NAME_LENGTH_MAX: usize = 40;
 
@@ -33,8 +33,61 @@ pub fn judge(rules: &mut Rules<'_>, machine: &Machine) {
             rules.say(&["functions", key], None, &what);
         }
     }
+    m_codes(rules, machine);
+    handwheel(rules, machine);
     alarms(rules, machine);
     limit_switches(rules, machine);
+}
+
+fn m_codes(rules: &mut Rules<'_>, machine: &Machine) {
+    let Some(codes) = &machine.functions.m_codes else {
+        return;
+    };
+    if let Some(what) = wrong_name(machine, &codes.done, true) {
+        rules.say(&["functions", "m_codes", "done"], None, &what);
+    }
+    let shown = |signal: &Signal| signal.from.state == Some(MachineState::MCode);
+    if !machine.signals.iter().any(shown) {
+        let what =
+            "needs a [[signal]] with from = { state = \"m-code\" }, that shows what is to be done";
+        rules.say(&["functions", "m_codes"], None, what);
+    }
+}
+
+fn handwheel(rules: &mut Rules<'_>, machine: &Machine) {
+    let Some(wheel) = &machine.functions.handwheel else {
+        return;
+    };
+    let path = ["functions", "handwheel"];
+    if let Some(what) = wrong_name(machine, &wheel.counts, false) {
+        rules.say(&[path[0], path[1], "counts"], None, &what);
+    }
+    for (key, name) in wheel.switches() {
+        if let Some(what) = wrong_name(machine, name, true) {
+            let key: Vec<&str> = path.into_iter().chain(key.split('.')).collect();
+            rules.say(&key, None, &what);
+        }
+    }
+    let axes = wheel.axes.keys();
+    for (axis, what) in axes.filter_map(|axis| Some((axis, machine.axis_index(axis).err()?))) {
+        rules.say(&[path[0], path[1], "axes", axis], None, &what);
+    }
+    for (wrong, key, what) in [
+        (
+            wheel.axes.is_empty(),
+            "axes",
+            "must choose an axis, as in { X = \"wheel_x\" }",
+        ),
+        (
+            wheel.step_mm == 0.0,
+            "step_mm",
+            "= 0: a click moves by a way other than 0",
+        ),
+    ] {
+        if wrong {
+            rules.say(&[path[0], path[1], key], None, what);
+        }
+    }
 }
 
 /// One signal: its name, what it can show, where it comes from and goes.
@@ -178,8 +231,25 @@ fn wrong_source(machine: &Machine, signal: &Signal) -> Option<String> {
     let from = &signal.from;
     if from.count() != 1 {
         return Some(
-            "must name one source: drive and bit, terminal and channel, output, analog_output, state, or by".into(),
+            "must name one source: drive and bit, terminal and channel, output, analog_output, state, by, or travel, every_m and for_ms"
+                .into(),
         );
+    }
+    let of_travel = [
+        from.travel.is_some(),
+        from.every_m.is_some(),
+        from.for_ms.is_some(),
+    ];
+    if of_travel.iter().any(|there| *there != of_travel[0]) {
+        return Some("has travel, every_m and for_ms together: the axis, and a pulse of for_ms each time it has gone so far".into());
+    }
+    if let Some(axis) = &from.travel
+        && let Err(what) = machine.axis_index(axis)
+    {
+        return Some(what);
+    }
+    if from.travel.is_some() && signal.kind != SignalKind::Bool {
+        return Some("travel is a switch: kind = \"bool\"".into());
     }
     if from.by == Some(SetBy::Logic) && machine.logic.is_none() {
         return Some("names the logic, and the file has no [logic]".into());
@@ -236,6 +306,9 @@ impl SignalSource {
         }
         if let (Some(terminal), Some(channel)) = (self.terminal, self.channel) {
             return format!("terminal {terminal}, channel {channel}");
+        }
+        if let (Some(axis), Some(every_m)) = (&self.travel, self.every_m) {
+            return format!("each {every_m} m of {axis}");
         }
         match (self.output, self.analog_output, self.state, self.by) {
             (Some(output), ..) => format!("the program (M64 P{output})"),

@@ -10,6 +10,7 @@ use machine::{Machine, ToolChanger};
 
 use super::Master;
 use super::coupling::{Coupling, Followed, Gear};
+use super::machine_codes::MachineCodes;
 use super::program::Loaded;
 use super::questions::Questions;
 use crate::drives::{AuxiliaryFeedback, Drives};
@@ -119,6 +120,8 @@ pub(super) struct Auxiliary {
     ahead: [ProgramEvent; OUTPUTS_AHEAD],
     waiting: Waiting,
     waited_scans: u64,
+    /// M-codes that the machine does.
+    pub machine_codes: MachineCodes,
     coupling: Coupling,
     /// What the follower asks of the spindle; none while it follows nothing.
     followed: Option<Followed>,
@@ -166,6 +169,7 @@ impl Auxiliary {
             ahead: [ProgramEvent::default(); OUTPUTS_AHEAD],
             waiting: Waiting::None,
             waited_scans: 0,
+            machine_codes: MachineCodes::new(machine),
             coupling: Coupling::new(spindle),
             followed: None,
             catches_up: true,
@@ -437,6 +441,7 @@ impl Auxiliary {
         self.begun = 0;
         self.waiting = Waiting::None;
         self.waited_scans = 0;
+        self.machine_codes.forget();
     }
 
     /// Whether something was latched since this was asked last.
@@ -573,6 +578,7 @@ impl Auxiliary {
                     Waiting::None
                 }
             }
+            Some(EventCode::UserCode) if self.machine_codes.awaits(event) => Waiting::MachineCode,
             _ => Waiting::None,
         }
     }
@@ -598,6 +604,7 @@ impl Auxiliary {
         self.waited_scans = self.waited_scans.saturating_add(1);
         let (patience, cause) = match for_what {
             Waiting::ToolChange => (self.change_patience_scans, Cause::ToolChange),
+            Waiting::MachineCode => (self.machine_codes.patience_scans(), Cause::MachineCode),
             // The program itself says how long.
             Waiting::Input => (u64::MAX, Cause::None),
             _ => (self.spindle_patience_scans, Cause::Spindle),
@@ -668,7 +675,7 @@ impl<D: Drives> Master<D> {
             .release(self.mode(), self.modes.is_held(), &self.program);
         let surface = self.auxiliary.surface_axis();
         if let Some(unit) = surface.and_then(|axis| self.axes.get(axis)) {
-            let place_mm = following::commanded_mm(unit);
+            let place_mm = unit.commanded_mm();
             self.auxiliary.turn_at_surface_speed(place_mm);
         }
         self.step_probe();

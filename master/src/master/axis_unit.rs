@@ -258,6 +258,11 @@ impl AxisUnit {
         self.command_position
     }
 
+    /// The same in mm.
+    pub fn commanded_mm(&self) -> f64 {
+        self.command_position as f64 * self.settings.increment_mm()
+    }
+
     /// It is commanded to be there, in increments.
     pub fn command_to(&mut self, position: i64) {
         self.command_position = position;

@@ -8,8 +8,12 @@ use bytemuck::Zeroable;
 use machine::{Machine, MachineState, SetBy, Signal, SignalKind};
 
 use super::alarms::Alarms;
+use super::axis_unit::AxisUnit;
+use super::handwheel::{PlannedWheel, Told};
 use super::logic::LogicOfMachine;
+use super::machine_codes::Call;
 use super::orders::Refusal;
+use super::travel::Pulse;
 use super::{Master, STANDSTILL_MM_S};
 use crate::drives::{AuxiliaryFeedback, Drives, InputFeedback};
 use crate::saved::{HELD_SIGNALS_MAX, HeldSignal, SignalLatches};
@@ -23,6 +27,7 @@ enum Source {
     State(MachineState),
     Operator,
     Logic,
+    Travel,
 }
 
 /// One signal, as it is worked out in each scan.
@@ -45,6 +50,7 @@ impl Planned {
     fn of(signal: &Signal) -> Planned {
         let from = &signal.from;
         let source = match (from.output, from.analog_output, from.state, from.by) {
+            _ if from.travel.is_some() => Source::Travel,
             (Some(output), ..) => Source::Output(output as usize),
             (_, Some(output), ..) => Source::AnalogOutput(output as usize),
             (_, _, Some(state), _) => Source::State(state),
@@ -86,7 +92,10 @@ struct Functions {
     probe: Option<usize>,
     spindle_at_speed: Option<usize>,
     spindle_speed: Option<usize>,
+    spindle_oriented: Option<usize>,
     tool_in_spindle: Option<usize>,
+    code_done: Option<usize>,
+    handwheel: Option<PlannedWheel>,
     /// Of each axis, the switch at its low end and at its high end.
     limits: Vec<[Option<usize>; 2]>,
 }
@@ -118,7 +127,16 @@ impl Functions {
             probe: index(&named.probe),
             spindle_at_speed: index(&named.spindle_at_speed),
             spindle_speed: index(&named.spindle_speed),
+            spindle_oriented: index(&named.spindle_oriented),
             tool_in_spindle: index(&named.tool_in_spindle),
+            code_done: named
+                .m_codes
+                .as_ref()
+                .and_then(|codes| machine.signal(&codes.done)),
+            handwheel: named
+                .handwheel
+                .as_ref()
+                .and_then(|wheel| PlannedWheel::of(machine, wheel)),
             limits: limits.collect(),
         }
     }
@@ -140,11 +158,18 @@ pub(super) struct NamedSignals {
     turned: [Option<f64>; 2],
     /// Limit switches that axes were on in the scan before, a bit each: the low ends, the high ends.
     on_limit: [u64; 2],
+    /// Pulses by travel.
+    pulses: Vec<Pulse>,
+    wheel_told: Told,
 }
 
 impl NamedSignals {
     pub fn new(machine: &Machine) -> NamedSignals {
         let mut shown = Box::new(Signals::zeroed());
+        let pulses = machine.signals.iter().enumerate();
+        let pulses: Vec<Pulse> = pulses
+            .filter_map(|(index, signal)| Pulse::of(machine, index, signal))
+            .collect();
         let planned: Vec<Planned> = machine.signals.iter().map(Planned::of).collect();
         let alarms = Alarms::new(machine);
         shown.count = planned.len() as u32;
@@ -163,6 +188,8 @@ impl NamedSignals {
             pressed: [true; 2],
             turned: [None; 2],
             on_limit: [0; 2],
+            pulses,
+            wheel_told: Told::default(),
         }
     }
 
@@ -175,6 +202,37 @@ impl NamedSignals {
         for index in 0..self.planned.len() {
             let forced = self.latches.held(index, FORCED);
             self.shown.forced.set(index, forced.is_some());
+        }
+        for pulse in &mut self.pulses {
+            if let Some(kept_mm) = self.latches.held(pulse.signal, TRAVEL) {
+                pulse.resume(kept_mm);
+            }
+        }
+    }
+
+    /// How far the axes have travelled, with the place of each that is driven.
+    fn travel(&mut self, place_mm: impl Fn(usize) -> Option<f64>) {
+        for pulse in &mut self.pulses {
+            pulse.step(&place_mm);
+            // Where there is no room it is not kept, and the next master begins with a pulse.
+            let _ = self.latches.hold(pulse.signal, pulse.kept_mm(), TRAVEL);
+        }
+    }
+
+    /// The order of what the handwheel was turned since the scan before. Without drives it moves nothing, and begins anew afterwards.
+    fn take_clicks(&mut self, driven: bool) -> Option<OperatorRequest> {
+        let wheel = self.functions.handwheel.as_ref()?;
+        let shown = &self.shown;
+        let turned = wheel.turned(|index| {
+            let value = shown.values.get(index).copied();
+            value.filter(|_| !shown.lost.has(index))
+        });
+        match turned.filter(|_| driven) {
+            Some(turned) => wheel.order(turned, &mut self.wheel_told),
+            None => {
+                self.wheel_told.last = None;
+                None
+            }
         }
     }
 
@@ -203,7 +261,7 @@ impl NamedSignals {
     }
 
     /// What the controller commands and is, in the scan that begins.
-    pub fn command(&mut self, levels: &Levels, (mode, held): (Mode, bool)) {
+    pub fn command(&mut self, levels: &Levels, now: &Now) {
         for index in 0..self.planned.len() {
             let Some(planned) = self.planned.get(index) else {
                 continue;
@@ -214,7 +272,11 @@ impl NamedSignals {
                     Some(f64::from(u8::from(has_bit(levels.digital, output))))
                 }
                 Source::AnalogOutput(output) => levels.analog.get(output).copied(),
-                Source::State(state) => Some(value_of(state, levels, mode, held)),
+                Source::State(state) => Some(value_of(state, levels, now)),
+                Source::Travel => {
+                    let pulse = self.pulses.iter().find(|pulse| pulse.signal == index);
+                    pulse.map(|pulse| f64::from(u8::from(pulse.is_on())))
+                }
                 Source::Logic => {
                     let logic = self.logic.as_ref();
                     logic.and_then(|logic| logic.value(index, planned.default))
@@ -306,11 +368,19 @@ impl NamedSignals {
         } else if let Some(at_speed) = self.value(self.functions.spindle_at_speed) {
             shown.spindle_rpm = if at_speed != 0.0 { commanded_rpm } else { 0.0 };
         }
+        if let Some(oriented) = self.value(self.functions.spindle_oriented) {
+            shown.oriented = oriented != 0.0;
+        }
         if let Some(tool) = self.value(self.functions.tool_in_spindle)
             && (0.0..=f64::from(u32::MAX)).contains(&tool)
         {
             shown.tool = tool as u32;
         }
+    }
+
+    /// Whether the machine says that the M-code it was to do is done.
+    pub fn code_is_done(&self) -> bool {
+        self.value(self.functions.code_done) == Some(1.0)
     }
 
     /// Which of two buttons, cycle start and feed hold, has been pressed since the scan before.
@@ -408,9 +478,11 @@ impl NamedSignals {
     }
 }
 
-/// How a signal is held: set, by the operator or as what it is to keep, or forced over its source. One may be both.
+/// How a signal is held: set, by the operator or as what it is to keep, or forced over its source; or what its axis has travelled. One may be
+/// several.
 const SET: u32 = 0;
 const FORCED: u32 = 1;
+const TRAVEL: u32 = 2;
 
 impl SignalLatches {
     fn find(&mut self, index: usize, how: u32) -> Option<&mut HeldSignal> {
@@ -431,7 +503,7 @@ impl SignalLatches {
         *self.held.get_mut(place)? = HeldSignal {
             value,
             of: index as u32 + 1,
-            forced: how,
+            how,
         };
         Some(())
     }
@@ -449,12 +521,27 @@ impl SignalLatches {
 
 impl HeldSignal {
     fn is_of(&self, index: usize, how: u32) -> bool {
-        self.of == index as u32 + 1 && self.forced == how
+        self.of == index as u32 + 1 && self.how == how
     }
 }
 
+/// What the controller is, beside its levels.
+pub(super) struct Now {
+    pub mode: Mode,
+    pub held: bool,
+    pub run: u32,
+    /// The M-code that the machine is to do.
+    pub code: Option<Call>,
+}
+
 /// What the controller commands or is, as a number.
-fn value_of(state: MachineState, levels: &Levels, mode: Mode, held: bool) -> f64 {
+fn value_of(state: MachineState, levels: &Levels, now: &Now) -> f64 {
+    let Now {
+        mode,
+        held,
+        run,
+        code,
+    } = *now;
     let spindle = SpindleCommand::from_wire(levels.spindle);
     let turns = matches!(spindle, SpindleCommand::Turn | SpindleCommand::Follow);
     let is = match state {
@@ -464,6 +551,7 @@ fn value_of(state: MachineState, levels: &Levels, mode: Mode, held: bool) -> f64
             return if turns { levels.spindle_rpm.abs() } else { 0.0 };
         }
         MachineState::SpindleOrient => spindle == SpindleCommand::Orient,
+        MachineState::SpindleAngle => return levels.orientation_deg,
         MachineState::Mist => levels.coolant & MIST != 0,
         MachineState::Flood => levels.coolant & FLOOD != 0,
         MachineState::ToolWanted => return f64::from(levels.tool),
@@ -471,6 +559,9 @@ fn value_of(state: MachineState, levels: &Levels, mode: Mode, held: bool) -> f64
         MachineState::DrivesOn => mode != Mode::Disabled,
         MachineState::ProgramRuns => mode == Mode::Enabled && !held,
         MachineState::Tripped => mode == Mode::Tripped,
+        MachineState::MCode => return code.map_or(0.0, |call| f64::from(call.code)),
+        MachineState::MCodeP => return code.map_or(0.0, |call| call.p),
+        MachineState::MCodeCall => return code.map_or(0.0, |call| call.number(run)),
     };
     f64::from(u8::from(is))
 }
@@ -486,8 +577,21 @@ impl<D: Drives> Master<D> {
         if self.signals.shown().is_none() {
             return;
         }
-        let state = (self.mode(), self.modes.is_held());
-        self.signals.command(levels, state);
+        let now = Now {
+            mode: self.mode(),
+            held: self.modes.is_held(),
+            run: self.program.run(),
+            code: self.auxiliary.machine_codes.shown(),
+        };
+        let driven = !matches!(self.mode(), Mode::Disabled | Mode::Tripped);
+        let axes = &self.axes;
+        let place_mm = |axis: usize| {
+            axes.get(axis)
+                .filter(|_| driven)
+                .map(AxisUnit::commanded_mm)
+        };
+        self.signals.travel(place_mm);
+        self.signals.command(levels, &now);
         self.drives.command_signals(self.signals.values());
     }
 
@@ -523,6 +627,10 @@ impl<D: Drives> Master<D> {
         if let Some(percent) = rapid {
             // Within the range nothing refuses it.
             let _ = self.auxiliary.override_rapids(percent.clamp(0.0, 100.0));
+        }
+        if let Some(request) = self.signals.take_clicks(driven) {
+            // What may not be jogged now is not.
+            self.order(&request);
         }
         let [start, hold] = self.signals.take_pressed();
         let order = match (hold, start, self.program.is_running()) {
@@ -641,7 +749,13 @@ from = { by = "operator" }
     fn commanded(signals: &mut NamedSignals, output: f64) -> Vec<f64> {
         let mut levels = Levels::default();
         levels.analog[0] = output;
-        signals.command(&levels, (Mode::Ready, false));
+        let now = Now {
+            mode: Mode::Ready,
+            held: false,
+            run: 0,
+            code: None,
+        };
+        signals.command(&levels, &now);
         signals.values().to_vec()
     }
 

@@ -298,6 +298,7 @@ impl Collector for Snapshot {
         self.axes(&mut families)?;
         self.torques(&mut families)?;
         fieldbus::families(&mut families, &self.numbers.bus)?;
+        self.signals(&mut families)?;
         self.processes(&mut families)
     }
 }
@@ -450,6 +451,25 @@ impl Snapshot {
             families.of_axes(name, "ratio", help, axes, of)?;
         }
         Ok(())
+    }
+
+    fn signals(&self, families: &mut Families<'_>) -> Outcome {
+        let shown = self.numbers.signals();
+        let values = shown.values.iter();
+        let values =
+            values.map(|(name, value, _)| (vec![("signal", &**name)], Sample::Real(*value)));
+        let (gauge, help) = (MetricType::Gauge, "What a named input or output shows.");
+        families.family(("signal_value", ""), gauge, help, values)?;
+        let lost = shown.values.iter();
+        let lost = lost.map(|(name, _, lost)| (vec![("signal", &**name)], *lost));
+        families.states(
+            "signal_lost",
+            "1 while the source of a signal is lost.",
+            lost,
+        )?;
+        let alarms = shown.alarms.iter();
+        let alarms = alarms.map(|(number, is)| (vec![("alarm", &**number)], *is));
+        families.states("alarm_active", "1 while an alarm is there.", alarms)
     }
 
     fn processes(&self, families: &mut Families<'_>) -> Outcome {

@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
 
 use bus::member::Pace;
-use bus::sample::{BusCycle, Cause, Feedback};
+use bus::sample::{BusCycle, Cause, Feedback, Signals, has_bit};
 use machine::{AxisKind, Machine, Process};
 use monitor::quantities::OF_AXIS;
 
@@ -286,12 +286,45 @@ pub struct Numbers {
     pub axes: Vec<AxisNumbers>,
     /// Per process.
     pub processes: Vec<ProcessNumbers>,
+    /// Named inputs, outputs and alarms.
+    signals: Mutex<SignalNumbers>,
+}
+
+/// Signals and alarms of the machine.
+#[derive(Debug, Clone, Default)]
+pub struct SignalNumbers {
+    /// Name, value, and whether its source is lost.
+    pub values: Vec<(String, f64, bool)>,
+    /// Number of each alarm, and whether it is there.
+    pub alarms: Vec<(String, bool)>,
 }
 
 impl Numbers {
     /// What the newest feedback told of the cell.
     pub fn now(&self) -> Option<CellNow> {
         *self.now.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// What the newest sample of signals told.
+    pub fn signals(&self) -> SignalNumbers {
+        let signals = self.signals.lock();
+        signals.unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// Takes what a sample of signals tells.
+    pub fn set_signals(&self, machine: &Machine, sample: &Signals) {
+        let values = machine.signals.iter().zip(sample.values()).enumerate();
+        let values = values.map(|(index, (signal, value))| {
+            let lost = sample.lost.has(index);
+            (signal.name.clone(), *value, lost)
+        });
+        let alarms = machine.alarms.iter().enumerate();
+        let alarms =
+            alarms.map(|(index, alarm)| (alarm.number.to_string(), has_bit(sample.alarms, index)));
+        *self.signals.lock().unwrap_or_else(PoisonError::into_inner) = SignalNumbers {
+            values: values.collect(),
+            alarms: alarms.collect(),
+        };
     }
 
     /// Takes what a feedback tells of the cell.
@@ -323,6 +356,7 @@ impl Numbers {
             age_scans: Number::default(),
         });
         Numbers {
+            signals: Mutex::default(),
             machine: machine.name.clone(),
             pace,
             scan_period_s: machine.scan_period_s(),

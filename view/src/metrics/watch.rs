@@ -115,6 +115,10 @@ impl Watch {
         if let Some(status) = ports.planner.newest(u64::MAX) {
             self.planner(&status);
         }
+        let signals = ports.signals.as_mut();
+        if let Some(sample) = signals.and_then(|reader| reader.newest(u64::MAX)) {
+            self.numbers.set_signals(&self.machine, &sample);
+        }
         for _ in 0..RECORDER_DEPTH_SCANS {
             let Some(feedback) = ports.feedback.any() else {
                 return true;

@@ -50,6 +50,8 @@ pub enum WebOrder {
     },
     /// Give up the rest of the program.
     Reset,
+    /// All alarms are acknowledged.
+    Acknowledge,
     /// Whether the machine rests behind each block.
     SingleBlock {
         /// It does.
@@ -92,7 +94,7 @@ pub enum WebOrder {
 }
 
 /// What an order has to look like.
-const EXAMPLES: &str = r#"{"order":"hold"}, "resume", "stop", "estop", "start", "reset", "enable", "disable"; {"order":"override","percent":80}, "rapid-override", "jog-override"; {"order":"single-block","on":true}, "optional-stop"; {"order":"zero","axis":"X"}; {"order":"jog","axis":"X","distance":-0.1}; {"order":"home","axes":["X"]}"#;
+const EXAMPLES: &str = r#"{"order":"hold"}, "resume", "stop", "estop", "start", "reset", "enable", "disable", "acknowledge"; {"order":"override","percent":80}, "rapid-override", "jog-override"; {"order":"single-block","on":true}, "optional-stop"; {"order":"zero","axis":"X"}; {"order":"jog","axis":"X","distance":-0.1}; {"order":"home","axes":["X"]}"#;
 
 /// Reads an order.
 ///
@@ -131,6 +133,9 @@ pub fn parse(body: &[u8]) -> Result<WebOrder, String> {
 impl WebOrder {
     /// The words of the command line.
     fn arguments(&self) -> Vec<String> {
+        if *self == WebOrder::Acknowledge {
+            return vec!["alarms".into(), "acknowledge".into()];
+        }
         let order = serde_json::to_value(self).unwrap_or_default();
         let word = order.get("order").and_then(Value::as_str);
         let mut words = vec![word.unwrap_or_default().to_owned()];
@@ -264,6 +269,8 @@ mod tests {
             "jog X -0.01"
         );
         assert_eq!(words(r#"{"order":"home"}"#), "home");
+        let acknowledged = words(r#"{"order":"acknowledge"}"#);
+        assert_eq!(acknowledged, "alarms acknowledge");
         assert_eq!(words(r#"{"order":"home","axes":["X","Z"]}"#), "home X Z");
         assert_eq!(
             words(r#"{"order":"optional-stop","on":false}"#),

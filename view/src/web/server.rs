@@ -66,13 +66,14 @@ const HTML: &str = "text/html; charset=utf-8";
 const CSS: &str = "text/css; charset=utf-8";
 const SCRIPT: &str = "text/javascript; charset=utf-8";
 /// The page and what belongs to it: where it is, its kind and its text.
-const FILES: [(&str, &str, &str); 8] = [
+const FILES: [(&str, &str, &str); 9] = [
     ("/", HTML, include_str!("page/page.html")),
     ("/page.css", CSS, include_str!("page/page.css")),
     ("/page.js", SCRIPT, include_str!("page/page.js")),
     ("/pictures.js", SCRIPT, include_str!("page/pictures.js")),
     ("/orders.js", SCRIPT, include_str!("page/orders.js")),
     ("/runs.js", SCRIPT, include_str!("page/runs.js")),
+    ("/signals.js", SCRIPT, include_str!("page/signals.js")),
     ("/stream.js", SCRIPT, include_str!("page/stream.js")),
     ("/icon.svg", "image/svg+xml", include_str!("page/icon.svg")),
 ];

@@ -27,7 +27,7 @@ impl<D: Drives> Master<D> {
                 _ => event.value,
             },
             turns: self.auxiliary.shown.spindle_turns,
-            place_mm: commanded_mm(unit),
+            place_mm: unit.commanded_mm(),
         };
         if gear.is_sound(self.axes.len()) {
             self.auxiliary.latches.couple(&gear);
@@ -70,7 +70,7 @@ impl<D: Drives> Master<D> {
                     let increments = *self.windows.positions(scan)?.get(gear.axis)?;
                     Some(increments as f64 * unit.settings.increment_mm())
                 };
-                let now_mm = in_scan(self.scan + 1).unwrap_or(commanded_mm(unit));
+                let now_mm = in_scan(self.scan + 1).unwrap_or(unit.commanded_mm());
                 let next_mm = in_scan(self.scan + 2).unwrap_or(now_mm);
                 let near_um = unit.settings.in_position_window_um();
                 let place_mm = followed_place_mm(now_mm, unit.place_mm(), near_um * 1e-3);
@@ -82,9 +82,4 @@ impl<D: Drives> Master<D> {
             _ => None,
         }
     }
-}
-
-/// Where an axis is commanded to be, in mm.
-pub(super) fn commanded_mm(unit: &AxisUnit) -> f64 {
-    unit.command_position() as f64 * unit.settings.increment_mm()
 }

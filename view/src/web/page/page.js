@@ -3,6 +3,7 @@
 import { CirclePicture, PathPicture, VIEWS } from "./pictures.js";
 import * as orders from "./orders.js";
 import * as runs from "./runs.js";
+import * as signals from "./signals.js";
 import { follow, getJson } from "./stream.js";
 
 const $ = id => document.getElementById(id);
@@ -135,16 +136,7 @@ function program(frame) {
   put($("codes"), (frame.status.readout?.active_codes ?? []).join(" "));
   put($("line"), now.line ? `line ${now.line}` : "");
   put($("text"), now.block ?? "");
-  // Alarms of the machine, and what is not as its wires say.
-  const alarms = (frame.status.alarms ?? []).map(alarm =>
-    `alarm ${alarm.number}, ${alarm.text}${alarm.remedy ? `: ${alarm.remedy}` : ""}${alarm.active ? "" : " (over, not acknowledged)"}`);
-  const wired = (frame.status.signals ?? []).filter(signal => signal.forced || signal.lost).map(signal =>
-    `signal ${signal.name} is ${signal.forced ? `forced to ${signal.value}` : "lost"}`);
-  const told = [...alarms, ...wired];
-  if ($("alarms").dataset.key !== told.join()) {
-    $("alarms").dataset.key = told.join();
-    $("alarms").replaceChildren(...told.slice(0, 6).map(words => element("li", words)));
-  }
+  signals.show(frame.status, { element, fixed });
   const key = messages.map(message => message.number).join();
   if ($("messages").dataset.key !== key) {
     $("messages").dataset.key = key;
@@ -351,6 +343,7 @@ function link(how, why) {
 
 orders.prepare();
 runs.prepare(orders.token, { element, fixed });
+signals.prepare();
 viewButtons();
 theme(false);
 const resized = new ResizeObserver(() => { path.dirty = circle.dirty = true; });
