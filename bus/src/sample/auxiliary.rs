@@ -287,7 +287,7 @@ mod tests {
         }
         assert_eq!(EventCode::from_wire(0), None);
         assert_eq!(EventCode::from_wire(19), None);
-        assert_eq!(Waiting::from_wire(11), None);
+        assert_eq!(Waiting::from_wire(12), None);
         assert_eq!(SpindleCommand::from_wire(9), SpindleCommand::Stop);
     }
 }
