@@ -361,11 +361,19 @@ impl Trial {
         }
     }
 
+    fn launcher_was_stopped(&self) -> bool {
+        let words = ["stop launcher", "stop all"];
+        words
+            .iter()
+            .any(|word| self.figures.done.contains_key(*word))
+    }
+
     fn judge_session(&mut self, code: Option<i32>, events: &[Event]) {
         let down = self.clients.iter().any(|c| c.is("down"));
         let died = events.iter().any(|event| event.name == "died");
         let agree = match code {
-            Some(0) => down && self.signals == 0,
+            // A signal to a launcher that was stopped may come when all is over.
+            Some(0) => down && (self.signals == 0 || self.launcher_was_stopped()),
             Some(130) => self.signals > 0,
             Some(1) => died || self.signals > 0,
             _ => false,

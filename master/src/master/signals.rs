@@ -597,9 +597,14 @@ impl<D: Drives> Master<D> {
 
     /// What inputs say stops the machine, before anything else is decided in this scan.
     pub(super) fn heed_signals(&mut self) {
-        if self.signals.shown().is_none() {
-            return;
+        if self.signals.shown().is_some() {
+            self.heed_named();
         }
+    }
+
+    /// Out of the way of a machine that has none.
+    #[inline(never)]
+    fn heed_named(&mut self) {
         let driven = !matches!(self.mode(), Mode::Disabled | Mode::Tripped);
         if let Some((cause, _)) = self.signals.keeps_drives_off() {
             self.switching_on.cancel();
