@@ -2,8 +2,8 @@
 
 use machine::{Machine, Signal};
 
-/// A step of a scan that is longer than this share of what the axis may travel in it is no motion: it was homed.
-const STEP_SHARE: f64 = 2.0;
+/// A step of a scan that is so many times what the axis may travel in it is no motion: it was homed.
+const STEPS_OF_RAPID: f64 = 2.0;
 
 /// Pulses of one signal.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -31,7 +31,7 @@ impl Pulse {
             axis,
             every_mm,
             for_scans: libm::ceil(from.for_ms? * 1e-3 / scan_s) as u64,
-            step_max_mm: STEP_SHARE * settings.rapid_mm_s * scan_s,
+            step_max_mm: STEPS_OF_RAPID * settings.rapid_mm_s * scan_s,
             at_mm: None,
             // Nobody knows how long the machine was off.
             gone_mm: every_mm,
