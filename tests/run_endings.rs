@@ -71,7 +71,11 @@ fn a_run_whose_recorder_died_ended_as_the_master_says_and_lacks_what_it_lacks() 
         // The second one is the last.
         for log in ["run.mcap", "run-2.mcap"] {
             let log = cell.out.join("001-short").join(log);
-            cell.wait_for(|_| log.exists());
+            // What is not on the disk is lost, but something is there.
+            let bytes = || fs::metadata(&log).map_or(0, |file| file.len());
+            cell.wait_for(|_| bytes() > 0);
+            let begun = bytes();
+            cell.wait_for(|_| bytes() > begun);
             send(cell.pid_of("quadrant recorder"), libc::SIGKILL);
         }
         obeyed(&cell, &["resume"]);
