@@ -294,30 +294,14 @@ pub struct Handwheel {
     pub rests_with_wheel: bool,
 }
 
-impl Handwheel {
-    /// Its switches, by their key.
-    pub(crate) fn switches(&self) -> impl Iterator<Item = (String, &str)> {
-        let others = [
-            ("times_10", &self.times_10),
-            ("times_100", &self.times_100),
-            ("enable", &self.enable),
-        ];
-        let others = others
-            .into_iter()
-            .filter_map(|(key, name)| Some((key.to_string(), name.as_deref()?)));
-        let axes = self.axes.iter();
-        others.chain(axes.map(|(axis, name)| (format!("axes.{axis}"), name.as_str())))
-    }
-}
-
 impl Functions {
     /// M-codes that the machine itself does.
     pub fn machine_codes(&self) -> &[u32] {
         self.m_codes.as_ref().map_or(&[], |codes| &codes.numbers)
     }
 
-    /// Each function that is named, by its key, with the name of its signal and whether it wants a switch.
-    pub fn named(&self) -> impl Iterator<Item = (&'static str, &str, bool)> {
+    /// Each signal that is named, by its keys, with its name and whether it must be a switch.
+    pub fn named(&self) -> impl Iterator<Item = (Vec<&str>, &str, bool)> {
         let single = [
             ("emergency_stop", &self.emergency_stop, true),
             ("drives_may", &self.drives_may, true),
@@ -334,9 +318,34 @@ impl Functions {
         ];
         let single = single
             .into_iter()
-            .filter_map(|(key, name, switch)| Some((key, name.as_deref()?, switch)));
+            .filter_map(|(key, name, switch)| Some((vec![key], name.as_deref()?, switch)));
         let ready = self.ready.iter();
-        single.chain(ready.map(|name| ("ready", name.as_str(), true)))
+        let ready = ready.map(|name| (vec!["ready"], name.as_str(), true));
+        let codes = self.m_codes.iter();
+        let codes = codes.map(|codes| (vec!["m_codes", "done"], codes.done.as_str(), true));
+        let wheel = self.handwheel.iter().flat_map(Handwheel::named);
+        single.chain(ready).chain(codes).chain(wheel)
+    }
+}
+
+impl Handwheel {
+    fn named(&self) -> impl Iterator<Item = (Vec<&str>, &str, bool)> {
+        let switches = [
+            ("times_10", &self.times_10),
+            ("times_100", &self.times_100),
+            ("enable", &self.enable),
+        ];
+        let switches = switches
+            .into_iter()
+            .filter_map(|(key, name)| Some((vec![key], name.as_deref()?, true)));
+        let axes = self.axes.iter();
+        let axes = axes.map(|(axis, name)| (vec!["axes", axis], name.as_str(), true));
+        let counts = [(vec!["counts"], self.counts.as_str(), false)];
+        let all = counts.into_iter().chain(switches).chain(axes);
+        all.map(|(mut keys, name, switch)| {
+            keys.insert(0, "handwheel");
+            (keys, name, switch)
+        })
     }
 }
 

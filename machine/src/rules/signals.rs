@@ -28,9 +28,10 @@ pub fn judge(rules: &mut Rules<'_>, machine: &Machine) {
     for index in 0..machine.signals.len() {
         one(rules, machine, index);
     }
-    for (key, name, switch) in machine.functions.named() {
+    for (mut keys, name, switch) in machine.functions.named() {
         if let Some(what) = wrong_name(machine, name, switch) {
-            rules.say(&["functions", key], None, &what);
+            keys.insert(0, "functions");
+            rules.say(&keys, None, &what);
         }
     }
     m_codes(rules, machine);
@@ -40,14 +41,8 @@ pub fn judge(rules: &mut Rules<'_>, machine: &Machine) {
 }
 
 fn m_codes(rules: &mut Rules<'_>, machine: &Machine) {
-    let Some(codes) = &machine.functions.m_codes else {
-        return;
-    };
-    if let Some(what) = wrong_name(machine, &codes.done, true) {
-        rules.say(&["functions", "m_codes", "done"], None, &what);
-    }
     let shown = |signal: &Signal| signal.from.state == Some(MachineState::MCode);
-    if !machine.signals.iter().any(shown) {
+    if machine.functions.m_codes.is_some() && !machine.signals.iter().any(shown) {
         let what =
             "needs a [[signal]] with from = { state = \"m-code\" }, that shows what is to be done";
         rules.say(&["functions", "m_codes"], None, what);
@@ -58,35 +53,17 @@ fn handwheel(rules: &mut Rules<'_>, machine: &Machine) {
     let Some(wheel) = &machine.functions.handwheel else {
         return;
     };
-    let path = ["functions", "handwheel"];
-    if let Some(what) = wrong_name(machine, &wheel.counts, false) {
-        rules.say(&[path[0], path[1], "counts"], None, &what);
-    }
-    for (key, name) in wheel.switches() {
-        if let Some(what) = wrong_name(machine, name, true) {
-            let key: Vec<&str> = path.into_iter().chain(key.split('.')).collect();
-            rules.say(&key, None, &what);
+    for axis in wheel.axes.keys() {
+        if let Err(what) = machine.axis_index(axis) {
+            rules.say(&["functions", "handwheel", "axes", axis], None, &what);
         }
     }
-    let axes = wheel.axes.keys();
-    for (axis, what) in axes.filter_map(|axis| Some((axis, machine.axis_index(axis).err()?))) {
-        rules.say(&[path[0], path[1], "axes", axis], None, &what);
+    let mut say = |key, what| rules.say(&["functions", "handwheel", key], None, what);
+    if wheel.axes.is_empty() {
+        say("axes", "must choose an axis, as in { X = \"wheel_x\" }");
     }
-    for (wrong, key, what) in [
-        (
-            wheel.axes.is_empty(),
-            "axes",
-            "must choose an axis, as in { X = \"wheel_x\" }",
-        ),
-        (
-            wheel.step_mm == 0.0,
-            "step_mm",
-            "= 0: a click moves by a way other than 0",
-        ),
-    ] {
-        if wrong {
-            rules.say(&[path[0], path[1], key], None, what);
-        }
+    if wheel.step_mm == 0.0 {
+        say("step_mm", "= 0: a click moves by a way other than 0");
     }
 }
 

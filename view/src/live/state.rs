@@ -107,11 +107,11 @@ fn blocks(model: &Model) -> Option<String> {
     let words = named
         .filter(|(_, name, _)| off(name))
         .filter_map(|(key, name, _)| {
-            let what = match key {
-                "emergency_stop" => "the emergency-stop chain is open",
-                "drives_may" => "drives may not be on",
-                "door" => "a door is open",
-                "ready" => "not ready for a program",
+            let what = match key[..] {
+                ["emergency_stop"] => "the emergency-stop chain is open",
+                ["drives_may"] => "drives may not be on",
+                ["door"] => "a door is open",
+                ["ready"] => "not ready for a program",
                 _ => return None,
             };
             Some(format!("{what} (signal {name})"))
