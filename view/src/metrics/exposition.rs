@@ -6,7 +6,7 @@ mod fieldbus;
 use std::fmt::Error;
 use std::path::Path;
 
-use bus::sample::{Cause, Job, Mode, ProgramState, Redundancy};
+use bus::sample::{Cause, Job, Mode, ProgramState, Redundancy, has_bit};
 use machine::AxisKind;
 use monitor::quantities::OF_AXIS;
 use prometheus_client::collector::Collector;
@@ -454,21 +454,31 @@ impl Snapshot {
     }
 
     fn signals(&self, families: &mut Families<'_>) -> Outcome {
-        let shown = self.numbers.signals();
-        let values = shown.values.iter();
-        let values =
-            values.map(|(name, value, _)| (vec![("signal", &**name)], Sample::Real(*value)));
+        let numbers = &*self.numbers;
+        let sample = numbers.signals();
+        let sample = sample.as_deref();
+        let signals = numbers.signal_names.iter().enumerate();
+        let signals = signals.filter_map(|(index, name)| {
+            let labels = vec![("signal", name.as_str())];
+            Some((labels, *sample?.values.get(index)?, sample?.lost.has(index)))
+        });
+        let signals: Vec<_> = signals.collect();
+        let values = signals.iter();
+        let values = values.map(|(labels, value, _)| (labels.clone(), Sample::Real(*value)));
         let (gauge, help) = (MetricType::Gauge, "What a named input or output shows.");
         families.family(("signal_value", ""), gauge, help, values)?;
-        let lost = shown.values.iter();
-        let lost = lost.map(|(name, _, lost)| (vec![("signal", &**name)], *lost));
+        let lost = signals.iter();
+        let lost = lost.map(|(labels, _, lost)| (labels.clone(), *lost));
         families.states(
             "signal_lost",
             "1 while the source of a signal is lost.",
             lost,
         )?;
-        let alarms = shown.alarms.iter();
-        let alarms = alarms.map(|(number, is)| (vec![("alarm", &**number)], *is));
+        let alarms = numbers.alarm_numbers.iter().enumerate();
+        let alarms = alarms.filter_map(|(index, number)| {
+            let labels = vec![("alarm", number.as_str())];
+            Some((labels, has_bit(sample?.alarms, index)))
+        });
         families.states("alarm_active", "1 while an alarm is there.", alarms)
     }
 

@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
 
 use bus::member::Pace;
-use bus::sample::{BusCycle, Cause, Feedback, Signals, has_bit};
+use bus::sample::{BusCycle, Cause, Feedback, Signals};
 use machine::{AxisKind, Machine, Process};
 use monitor::quantities::OF_AXIS;
 
@@ -286,17 +286,12 @@ pub struct Numbers {
     pub axes: Vec<AxisNumbers>,
     /// Per process.
     pub processes: Vec<ProcessNumbers>,
-    /// Named inputs, outputs and alarms.
-    signals: Mutex<SignalNumbers>,
-}
-
-/// Signals and alarms of the machine.
-#[derive(Debug, Clone, Default)]
-pub struct SignalNumbers {
-    /// Name, value, and whether its source is lost.
-    pub values: Vec<(String, f64, bool)>,
-    /// Number of each alarm, and whether it is there.
-    pub alarms: Vec<(String, bool)>,
+    /// Names of the signals.
+    pub signal_names: Vec<String>,
+    /// Numbers of the alarms.
+    pub alarm_numbers: Vec<String>,
+    /// The newest sample of signals; none before the first.
+    signals: Mutex<Option<Box<Signals>>>,
 }
 
 impl Numbers {
@@ -305,26 +300,16 @@ impl Numbers {
         *self.now.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// What the newest sample of signals told.
-    pub fn signals(&self) -> SignalNumbers {
+    /// The newest sample of signals; none before the first.
+    pub fn signals(&self) -> Option<Box<Signals>> {
         let signals = self.signals.lock();
         signals.unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    /// Takes what a sample of signals tells.
-    pub fn set_signals(&self, machine: &Machine, sample: &Signals) {
-        let values = machine.signals.iter().zip(sample.values()).enumerate();
-        let values = values.map(|(index, (signal, value))| {
-            let lost = sample.lost.has(index);
-            (signal.name.clone(), *value, lost)
-        });
-        let alarms = machine.alarms.iter().enumerate();
-        let alarms =
-            alarms.map(|(index, alarm)| (alarm.number.to_string(), has_bit(sample.alarms, index)));
-        *self.signals.lock().unwrap_or_else(PoisonError::into_inner) = SignalNumbers {
-            values: values.collect(),
-            alarms: alarms.collect(),
-        };
+    /// Takes a sample of signals.
+    pub fn set_signals(&self, sample: Signals) {
+        let mut signals = self.signals.lock().unwrap_or_else(PoisonError::into_inner);
+        *signals = Some(Box::new(sample));
     }
 
     /// Takes what a feedback tells of the cell.
@@ -357,6 +342,12 @@ impl Numbers {
         });
         Numbers {
             signals: Mutex::default(),
+            signal_names: machine.signals.iter().map(|of| of.name.clone()).collect(),
+            alarm_numbers: machine
+                .alarms
+                .iter()
+                .map(|of| of.number.to_string())
+                .collect(),
             machine: machine.name.clone(),
             pace,
             scan_period_s: machine.scan_period_s(),

@@ -117,7 +117,7 @@ impl Watch {
         }
         let signals = ports.signals.as_mut();
         if let Some(sample) = signals.and_then(|reader| reader.newest(u64::MAX)) {
-            self.numbers.set_signals(&self.machine, &sample);
+            self.numbers.set_signals(sample);
         }
         for _ in 0..RECORDER_DEPTH_SCANS {
             let Some(feedback) = ports.feedback.any() else {
