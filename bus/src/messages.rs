@@ -130,7 +130,7 @@ fn shortened(text: &str) -> String {
     text.get(..end).unwrap_or_default().to_owned() + CUT
 }
 
-/// Runs whose texts are kept side by side: who reads late finds those of the run before, though the next one speaks already.
+/// Runs whose texts the file holds side by side: a reader that lags behind finds the texts of the run before.
 const RUNS_KEPT: u32 = 2;
 
 /// Where a text is in the file, in bytes.

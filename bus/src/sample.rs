@@ -159,6 +159,13 @@ wire_enum! {
     pub fn word
 }
 
+impl Mode {
+    /// Whether the drives follow commands: they are on, and nothing has tripped.
+    pub fn is_driven(self) -> bool {
+        !matches!(self, Mode::Disabled | Mode::Tripped)
+    }
+}
+
 wire_enum! {
     /// Progress of a cell with its program, latched by the master.
     pub enum ProgramState {

@@ -8,7 +8,7 @@ use anyhow::Context;
 use rustix::fs::{FallocateFlags, fallocate};
 use serde::Serialize;
 
-use crate::retention;
+use crate::retention::{self, EVENTS_FILE};
 
 /// Room on the disk that is reserved for the events of a run: some 600.
 const RESERVED_BYTES: u64 = 64 << 10;
@@ -65,7 +65,7 @@ impl Events {
     /// # Errors
     /// It cannot be written.
     pub fn create(run_dir: &Path) -> anyhow::Result<Events> {
-        let path = run_dir.join("events.jsonl");
+        let path = run_dir.join(EVENTS_FILE);
         let file = File::create(&path)
             .with_context(|| format!("{}: cannot be written", path.display()))?;
         retention::hold(&file);

@@ -21,8 +21,8 @@ use crate::disk_room::Room;
 
 /// Where run directories are that nobody has named.
 pub const RUNS: &str = "runs";
-/// The launcher holds a lock on it as long as its run goes on.
-const EVENTS: &str = "events.jsonl";
+/// What happened in a run, a line each. The launcher holds a lock on it as long as its run goes on.
+pub const EVENTS_FILE: &str = "events.jsonl";
 /// File in the folder of a cell that stays up: `bytes` of its run directories, `bytes_max` and the `alarm` of them, as JSON.
 pub const USAGE_FILE: &str = "runs-kept";
 /// The run directories of a cell whose machine file says nothing take no more than this,
@@ -357,7 +357,7 @@ fn is_dated(name: &str) -> bool {
 
 /// Whether a launcher holds the events of a run directory.
 pub fn is_open(folder: &Path) -> bool {
-    open_to_read(&folder.join(EVENTS)).is_ok_and(|file| locks::is_held(&file))
+    open_to_read(&folder.join(EVENTS_FILE)).is_ok_and(|file| locks::is_held(&file))
 }
 
 /// Notes that the run of this file goes on, for as long as the file is open.

@@ -11,7 +11,7 @@ use machine::learned::LEARNED_FILE;
 use machine::learned_path::LEARNED_PATH_FILE;
 use machine::{KeptFiles, Machine};
 
-use crate::retention::RUNS;
+use crate::retention::{EVENTS_FILE, RUNS};
 
 /// A run directory with its copies.
 #[derive(Debug, Clone)]
@@ -94,7 +94,7 @@ const RESERVED: [&str; 7] = [
     "report.json",
     "report.txt",
     "report.html",
-    "events.jsonl",
+    EVENTS_FILE,
     "messages.jsonl",
     monitor::MARK_FILE,
 ];

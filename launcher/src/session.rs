@@ -360,6 +360,7 @@ mod tests {
 
     use super::*;
     use crate::hints::{lost_in, waits_for};
+    use crate::retention::EVENTS_FILE;
     use crate::spoilt::{self, Spoiler};
     use crate::standby_alarm::StandbyAlarm;
     use crate::supervise::stop_words;
@@ -403,7 +404,7 @@ mod tests {
         session.end_all(&feedback(9, 3));
         session.make_reports(9, &mut events);
         assert_eq!(session.reported, 3);
-        let text = fs::read_to_string(folder.path().join("events.jsonl")).expect("events");
+        let text = fs::read_to_string(folder.path().join(EVENTS_FILE)).expect("events");
         assert_eq!(text.matches("run begins").count(), 3, "{text}");
     }
 

@@ -8,6 +8,7 @@ use bus::sample::{OperatorRequest, Order, Signals, has_bit};
 use console::exit::{Failure, Kind, Outcome};
 use console::output::{joined, say};
 use launcher::children::children_of;
+use launcher::retention::EVENTS_FILE;
 use machine::{Machine, Signal, SignalKind};
 use remote::state::{AlarmState, SignalState};
 use serde_json::Value;
@@ -110,7 +111,7 @@ fn history(cell: Option<&str>, folder: Option<PathBuf>, json: bool) -> Outcome {
         }
     };
     let machine = Machine::load(&folder).input()?;
-    let file = folder.join("events.jsonl");
+    let file = folder.join(EVENTS_FILE);
     let text = open_to_read(&file).and_then(std::io::read_to_string);
     let text = text.with_context(|| file.display().to_string()).input()?;
     let all = text.lines().filter_map(|line| {

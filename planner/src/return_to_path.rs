@@ -28,8 +28,8 @@ const ACCELERATION_SHARE: f64 = 0.1;
 /// Speed of the return with a tap in its thread, in mm/s: some ten turns a minute, which a spindle has at once.
 const IN_THREAD_MM_S: f64 = 0.2;
 
-/// Where the axes beside Z are further off than this, in mm, Z goes up first, however little; and down last if it has this far to go: whoever
-/// lifted the tool had a reason. A nearer place is returned to in a straight line, as after a trip.
+/// Distance in mm up to which a return is a straight line, as after a trip. With the axes beside Z further off, Z goes up first, however
+/// little, and goes down last from more than this above the place: the operator had a reason to lift the tool.
 const OVER_MM: f64 = 1.0;
 
 /// A planned return.

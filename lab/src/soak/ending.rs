@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 use bus::cell::CellPaths;
 use bus::sample::Mode;
 use console::exit::words;
+use launcher::retention::EVENTS_FILE;
 use rustix::process::{Signal, geteuid};
 use serde_json::Value;
 
@@ -184,7 +185,7 @@ impl Soak<'_> {
     fn judge_end(&mut self, cell: &mut Cell, ending: Ending, out: &Path) {
         let code = cell.status.and_then(|status| status.code());
         let mut finish = None;
-        let events = fs::read_to_string(out.join("events.jsonl")).unwrap_or_default();
+        let events = fs::read_to_string(out.join(EVENTS_FILE)).unwrap_or_default();
         let no_log = is_recorder_given_up(&events);
         if ending == Ending::Completed && self.signals.count() == 0 {
             let how = cell.judge.finish();
@@ -333,7 +334,7 @@ impl Soak<'_> {
 
 /// Whether the launcher has noted that the run has ended.
 fn has_ended(out: &Path) -> bool {
-    let events = fs::read_to_string(out.join("events.jsonl")).unwrap_or_default();
+    let events = fs::read_to_string(out.join(EVENTS_FILE)).unwrap_or_default();
     events.contains("\"event\":\"ended\"")
 }
 

@@ -1,6 +1,6 @@
 //! Alarms of the machine: each comes by a signal or by the logic, stays until it is acknowledged, and may stop the machine.
 
-use bus::sample::{Cause, Mode, Refused, has_bit, with_bit};
+use bus::sample::{Cause, Refused, has_bit, with_bit};
 use machine::{Alarm, AlarmReaction, Machine};
 
 use super::Master;
@@ -108,7 +108,7 @@ impl<D: Drives> Master<D> {
             alarms.asks(&[AlarmReaction::Trip]),
             alarms.asks(&[AlarmReaction::Hold]),
         );
-        let driven = !matches!(self.mode(), Mode::Disabled | Mode::Tripped);
+        let driven = self.mode().is_driven();
         if trips && driven {
             self.trip(Cause::MachineAlarm, u32::MAX);
         }

@@ -211,7 +211,7 @@ impl Gantries {
 
     /// One scan of what is guarded between two motors.
     pub fn judge(&mut self, axes: &mut Axes, mode: Mode, scan_s: f64) {
-        let driven = !matches!(mode, Mode::Disabled | Mode::Tripped);
+        let driven = mode.is_driven();
         if driven {
             self.judge_skew(axes);
         }

@@ -109,7 +109,7 @@ impl<D: Drives> Master<D> {
         let (holds, trips) = (logic.asks(LOGIC_HOLD), logic.asks(LOGIC_TRIP));
         let stops = logic.asks(LOGIC_STOP);
         let stops_now = !std::mem::replace(&mut logic.stopped, stops) && stops;
-        let driven = !matches!(self.mode(), Mode::Disabled | Mode::Tripped);
+        let driven = self.mode().is_driven();
         if driven && is_lost && on_loss == OnLogicLoss::Trip {
             self.trip(Cause::LogicLost, u32::MAX);
         } else if driven && trips {

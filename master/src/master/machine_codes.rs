@@ -17,7 +17,7 @@ pub(super) struct Call {
 }
 
 impl Call {
-    /// A number that no other call has, whoever dies.
+    /// Number of the call: unique in the cell, and the same after the death of a process.
     pub fn number(&self, run: u32) -> f64 {
         f64::from(run) * CALLS_OF_A_RUN + f64::from(self.event)
     }

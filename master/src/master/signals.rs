@@ -210,7 +210,7 @@ impl NamedSignals {
         }
     }
 
-    /// How far the axes have travelled, with the place of each that is driven.
+    /// Counts the travel of each axis; `place_mm` is the place of a driven axis, and none of another.
     fn travel(&mut self, place_mm: impl Fn(usize) -> Option<f64>) {
         for pulse in &mut self.pulses {
             pulse.step(&place_mm);
@@ -219,7 +219,7 @@ impl NamedSignals {
         }
     }
 
-    /// The order of what the handwheel was turned since the scan before. Without drives it moves nothing, and begins anew afterwards.
+    /// Order for the clicks of the handwheel since the scan before. Clicks while the drives are off move nothing, then or later.
     fn take_clicks(&mut self, driven: bool) -> Option<OperatorRequest> {
         let wheel = self.functions.handwheel.as_ref()?;
         let shown = &self.shown;
@@ -583,7 +583,7 @@ impl<D: Drives> Master<D> {
             run: self.program.run(),
             code: self.auxiliary.machine_codes.shown(),
         };
-        let driven = !matches!(self.mode(), Mode::Disabled | Mode::Tripped);
+        let driven = self.mode().is_driven();
         let axes = &self.axes;
         let place_mm = |axis: usize| {
             axes.get(axis)
@@ -602,10 +602,10 @@ impl<D: Drives> Master<D> {
         }
     }
 
-    /// Out of the way of a machine that has none.
+    /// What a machine with named signals heeds; a machine without them does not carry its code in the scan.
     #[inline(never)]
     fn heed_named(&mut self) {
-        let driven = !matches!(self.mode(), Mode::Disabled | Mode::Tripped);
+        let driven = self.mode().is_driven();
         if let Some((cause, _)) = self.signals.keeps_drives_off() {
             self.switching_on.cancel();
             if driven {
@@ -649,7 +649,7 @@ impl<D: Drives> Master<D> {
 
     /// An axis that comes onto the switch at its end, or goes further onto it, stops the machine.
     fn heed_limit_switches(&mut self) {
-        let driven = !matches!(self.mode(), Mode::Disabled | Mode::Tripped);
+        let driven = self.mode().is_driven();
         let mut hit = None;
         for (index, axis) in self.axes.iter().enumerate() {
             let velocity_mm_s = axis.velocity_mm_s();

@@ -20,7 +20,7 @@ pub(super) struct Pulse {
 }
 
 impl Pulse {
-    /// Those of a signal; none if its source is another one.
+    /// Pulses of a signal by travel; none for a signal with another source.
     pub fn of(machine: &Machine, signal: usize, of: &Signal) -> Option<Pulse> {
         let from = &of.from;
         let axis = machine.axis_index(from.travel.as_ref()?).ok()? as usize;

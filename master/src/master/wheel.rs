@@ -1,7 +1,7 @@
 //! A wheel: a running count that an axis follows. What counts is the difference to the count before, so one that comes twice moves
 //! nothing and one that is lost costs nothing; the first one only says where the wheel is.
 
-use bus::sample::{Mode, OperatorRequest, Refused};
+use bus::sample::{OperatorRequest, Refused};
 
 use super::Master;
 use super::axis_unit::AxisUnit;
@@ -117,7 +117,7 @@ impl<D: Drives> Master<D> {
 
     /// With the drives off or braking no axis follows a wheel: what it counts meanwhile moves nothing later.
     pub(super) fn forget_wheels(&mut self) {
-        if matches!(self.mode(), Mode::Disabled | Mode::Tripped) {
+        if !self.mode().is_driven() {
             let axes = self.axes.iter_mut();
             axes.for_each(|axis| axis.hand.forget_wheel(None));
         }

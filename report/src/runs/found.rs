@@ -10,7 +10,7 @@ use anyhow::Context;
 use bus::cell::CellPaths;
 use bus::observer::Observer;
 use chrono::{DateTime, SecondsFormat, Utc};
-use launcher::retention::{RUNS, bytes_of, folders, is_open};
+use launcher::retention::{EVENTS_FILE, RUNS, bytes_of, folders, is_open};
 use monitor::ended::Ended;
 use monitor::log::LOG_FILE;
 use monitor::{MARK_FILE, run_number};
@@ -120,7 +120,7 @@ pub(super) fn is_run(run: &Path) -> bool {
 
 /// Whether a launcher has made it, which notes what happens there; of a run of a cell in the folder of the cell.
 pub(super) fn is_made(run: &Path) -> bool {
-    let has_events = |folder: PathBuf| folder.join("events.jsonl").exists();
+    let has_events = |folder: PathBuf| folder.join(EVENTS_FILE).exists();
     has_events(run.into()) || cell_of(run).is_some_and(has_events)
 }
 
