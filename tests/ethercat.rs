@@ -24,6 +24,8 @@ mod observed;
 mod runs;
 #[path = "ethercat/segment.rs"]
 mod segment;
+#[path = "ethercat/spindle.rs"]
+mod spindle;
 #[path = "ethercat/start_ups.rs"]
 mod start_ups;
 #[path = "ethercat/terminals.rs"]

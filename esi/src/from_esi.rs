@@ -173,9 +173,9 @@ fn choose(
         let why = if device.modular {
             "its process data is in modules, which are not read"
         } else {
-            "its PDOs hold no controlword (6040) and target with statusword (6041) and position (6064)"
+            "its PDOs hold no controlword (6040) and target with statusword (6041) and position (6064) or velocity"
         };
-        format!("can be driven in none of csv, cst and csp: {why}")
+        format!("can be driven in none of csv, cst, csp, profile-velocity and velocity: {why}")
     })
 }
 

@@ -31,6 +31,10 @@ pub const FAULT_REACTION: u16 = 0x605E;
 pub const MODE: u16 = 0x6060;
 /// Mode of operation in force.
 pub const MODE_DISPLAY: u16 = 0x6061;
+/// Target velocity of frequency converters (mode 2), in rev/min.
+pub const CONVERTER_TARGET_VELOCITY: u16 = 0x6042;
+/// Actual velocity of frequency converters, in rev/min.
+pub const CONVERTER_VELOCITY: u16 = 0x6044;
 /// Actual position.
 pub const POSITION: u16 = 0x6064;
 /// Following error at which the drive trips, in increments.
@@ -87,6 +91,8 @@ pub fn standard(index: u16, sub: u8) -> Option<(&'static str, u32)> {
         (FAULT_REACTION, 0) => ("fault reaction option code", 16),
         (MODE, 0) => ("mode of operation", 8),
         (MODE_DISPLAY, 0) => ("mode of operation in force", 8),
+        (CONVERTER_TARGET_VELOCITY, 0) => ("target velocity of a converter", 16),
+        (CONVERTER_VELOCITY, 0) => ("actual velocity of a converter", 16),
         (POSITION, 0) => ("actual position", 32),
         (FOLLOWING_ERROR_WINDOW, 0) => ("following error window", 32),
         (VELOCITY, 0) => ("actual velocity", 32),

@@ -38,11 +38,14 @@ pub fn run(options: &Options) -> anyhow::Result<()> {
     let (Some(setups), Some(bus)) = (setups, &machine.bus) else {
         anyhow::bail!("the machine file has no [bus]: its drives are simulated");
     };
+    let axes = machine.axes.iter();
+    let axes = axes.map(|axis| format!("axis {}", axis.name));
+    let spindle = setups.spindle.iter().map(|_| "spindle".to_string());
     let plan = SegmentPlan {
         bus: bus.clone(),
-        drives: setups.drives,
+        moved: axes.chain(spindle).collect(),
+        drives: setups.drives.into_iter().chain(setups.spindle).collect(),
         terminals: setups.terminals,
-        axes: machine.axes.iter().map(|axis| axis.name.clone()).collect(),
         period_us: machine.scan.period_us,
         pace: options.slot.pace,
     };

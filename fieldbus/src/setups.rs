@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use anyhow::{Context, bail};
-use machine::{Axis, DriveMode, HomingMethod, Machine};
+use machine::{Axis, DriveMode, HomingMethod, Machine, Spindle, SpindleDrive};
 
 use crate::cia402::{self, OperatingMode};
 use crate::drive_file::{self, DriveFile};
@@ -23,6 +23,7 @@ pub fn load(machine: &Machine, machine_file: &Path) -> anyhow::Result<Option<Set
     let folder = machine_file.parent().unwrap_or(Path::new(""));
     let mut setups = Setups {
         drives: Vec::new(),
+        spindle: None,
         terminals: Vec::new(),
         signals: SignalPlaces::default(),
         warnings: Vec::new(),
@@ -32,32 +33,8 @@ pub fn load(machine: &Machine, machine_file: &Path) -> anyhow::Result<Option<Set
         let named = axis.drive.as_ref();
         let named = named.with_context(|| format!("{shown}: axis {} has no drive", axis.name))?;
         let path = folder.join(&named.file);
-        let judged = drive_file::load(&path, |_, _| ())?;
-        let path = path.display();
-        for warning in judged.warnings {
-            let warning = format!("{path}: {warning}");
-            // Several axes may have the same drive file.
-            if !setups.warnings.contains(&warning) {
-                setups.warnings.push(warning);
-            }
-        }
-        let drive = judged.drive;
-        let wanted = match drive.mode.operate {
-            OperatingMode::Csv => DriveMode::Velocity,
-            OperatingMode::Csp => DriveMode::Position,
-            OperatingMode::Cst => DriveMode::Torque,
-        };
-        if axis.drive_mode != wanted {
-            let key = match wanted {
-                DriveMode::Velocity => "velocity",
-                DriveMode::Torque => "torque",
-                DriveMode::Position => "position",
-            };
-            let (axis, operate) = (&axis.name, drive.mode.operate.word());
-            bail!(
-                "{shown}: axis {axis}: drive_mode must be \"{key}\": its drive file has mode.operate = \"{operate}\""
-            );
-        }
+        let drive = setups.load_drive(&path)?;
+        judge_mode(axis, &drive).with_context(|| shown.to_string())?;
         judge_inputs(axis, &drive).with_context(|| shown.to_string())?;
         judge_brake(axis, &drive).with_context(|| shown.to_string())?;
         judge_homing(axis, &drive).with_context(|| shown.to_string())?;
@@ -76,6 +53,15 @@ pub fn load(machine: &Machine, machine_file: &Path) -> anyhow::Result<Option<Set
             drive,
         });
     }
+    if let (Some(of_bus), Some(spindle)) = (&bus.spindle, &machine.spindle) {
+        let drive = setups.load_drive(&folder.join(&of_bus.file))?;
+        judge_spindle(of_bus, spindle, &drive).with_context(|| shown.to_string())?;
+        setups.spindle = Some(DriveSetup {
+            slave: of_bus.slave as usize,
+            following_error_increments: u32::MAX,
+            drive,
+        });
+    }
     for terminal in &bus.terminals {
         setups.terminals.push(TerminalSetup {
             terminal: terminal_file::load(&folder.join(&terminal.file), |_, _| ())?,
@@ -88,6 +74,20 @@ pub fn load(machine: &Machine, machine_file: &Path) -> anyhow::Result<Option<Set
 }
 
 impl Setups {
+    /// Reads a drive file, and keeps its warnings.
+    fn load_drive(&mut self, path: &Path) -> anyhow::Result<DriveFile> {
+        let judged = drive_file::load(path, |_, _| ())?;
+        let path = path.display();
+        for warning in judged.warnings {
+            let warning = format!("{path}: {warning}");
+            // Several axes may have the same drive file.
+            if !self.warnings.contains(&warning) {
+                self.warnings.push(warning);
+            }
+        }
+        Ok(judged.drive)
+    }
+
     /// What a machine has at each place on the cable, and which signals that carries: a line each, in the order of the cable.
     pub fn places_in_words(&self, machine: &Machine) -> Vec<(usize, String)> {
         let axes = self.drives.iter().zip(&machine.axes).enumerate();
@@ -98,6 +98,10 @@ impl Setups {
                 (drive.slave, format!("axis {}, {name}{signals}", axis.name))
             })
             .collect();
+        if let Some(spindle) = &self.spindle {
+            let words = format!("spindle, {}", spindle.drive.identity.name);
+            places.push((spindle.slave, words));
+        }
         for (index, terminal) in self.terminals.iter().enumerate() {
             let file = &terminal.terminal;
             let is_input = |of: &&Channel| of.direction == ChannelDirection::Input;
@@ -144,6 +148,66 @@ impl Setups {
             false => format!(": {}", words.join(", ")),
         }
     }
+}
+
+/// The drive closes the loops that the servo leaves to it.
+fn judge_mode(axis: &Axis, drive: &DriveFile) -> anyhow::Result<()> {
+    let (name, operate) = (&axis.name, drive.mode.operate);
+    let (wanted, key) = match operate {
+        OperatingMode::Csv => (DriveMode::Velocity, "velocity"),
+        OperatingMode::Csp => (DriveMode::Position, "position"),
+        OperatingMode::Cst => (DriveMode::Torque, "torque"),
+        OperatingMode::ProfileVelocity | OperatingMode::Velocity => bail!(
+            "axis {name}: its drive file has mode.operate = \"{}\", which is for spindles ([bus.spindle]): an axis is driven in csv, cst \
+             or csp",
+            operate.word()
+        ),
+    };
+    if axis.drive_mode != wanted {
+        bail!(
+            "axis {name}: drive_mode must be \"{key}\": its drive file has mode.operate = \"{}\"",
+            operate.word()
+        );
+    }
+    Ok(())
+}
+
+/// The drive of a spindle is told a speed in each cycle, also the highest one.
+fn judge_spindle(
+    of_bus: &SpindleDrive,
+    spindle: &Spindle,
+    drive: &DriveFile,
+) -> anyhow::Result<()> {
+    let operate = drive.mode.operate;
+    if !operate.is_told_speed() {
+        bail!(
+            "bus.spindle: its drive file has mode.operate = \"{}\": a spindle is driven in csv, profile-velocity or velocity",
+            operate.word()
+        );
+    }
+    let data = &drive.process_data;
+    let (target, _) = operate.velocity_objects();
+    let bits = process_data::find(&data.receive, target, 0).map_or(32, |(_, entry)| entry.bits);
+    let turn_s = Units::of(drive, 1.0 / of_bus.motor_turns)
+        .velocity_per_mm_s
+        .abs();
+    let most = spindle.speed_max_rpm / 60.0 * turn_s;
+    let largest = 2.0_f64.powi(bits as i32 - 1) - 1.0;
+    if most > largest {
+        bail!(
+            "spindle.speed_max_rpm = {}: is {most:.0} units of its drive, whose target velocity ({target:04X}) holds {largest:.0} at most: \
+             look at scaling.velocity_units and velocity_rpm of its drive file",
+            spindle.speed_max_rpm
+        );
+    }
+    let shows_position = process_data::find(&data.transmit, cia402::POSITION, 0).is_some();
+    if spindle.encoder_counts_per_turn > 0 && !shows_position {
+        bail!(
+            "spindle.encoder_counts_per_turn = {}: needs 6064 (actual position) in process_data.transmit of the drive file of the spindle",
+            spindle.encoder_counts_per_turn
+        );
+    }
+    Ok(())
 }
 
 /// Inputs of the drive that are inputs of the machine come in each cycle.

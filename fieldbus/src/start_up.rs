@@ -72,12 +72,12 @@ const TERMINAL_FILE: FileWords = FileWords {
 pub struct SegmentPlan {
     /// The fieldbus.
     pub bus: Fieldbus,
-    /// The drives, by axis.
+    /// The drives, by axis, and behind them that of the spindle.
     pub drives: Vec<DriveSetup>,
     /// The terminals.
     pub terminals: Vec<TerminalSetup>,
-    /// Letters of the axes.
-    pub axes: Vec<String>,
+    /// What each drive moves: `axis X`, `spindle`.
+    pub moved: Vec<String>,
     /// Scan period, in µs.
     pub period_us: u32,
     /// In lockstep drives wait for the PC as long as it takes: their watchdogs are off.
@@ -85,8 +85,8 @@ pub struct SegmentPlan {
 }
 
 impl SegmentPlan {
-    /// The axis at a place on the cable.
-    pub fn axis_at(&self, slave: usize) -> Option<usize> {
+    /// The drive at a place on the cable.
+    pub fn drive_at(&self, slave: usize) -> Option<usize> {
         self.drives.iter().position(|drive| drive.slave == slave)
     }
 
@@ -118,9 +118,9 @@ impl SegmentPlan {
 
     /// A slave as messages name it.
     pub fn name(&self, slave: usize) -> String {
-        let axis = self.axis_at(slave).and_then(|axis| self.axes.get(axis));
-        match (axis, self.terminal_at(slave)) {
-            (Some(letter), _) => format!("axis {letter} (place {slave} on the cable)"),
+        let moved = self.drive_at(slave).and_then(|at| self.moved.get(at));
+        match (moved, self.terminal_at(slave)) {
+            (Some(moved), _) => format!("{moved} (place {slave} on the cable)"),
             (None, Some(_)) => format!("terminal {slave} (place {slave} on the cable)"),
             (None, None) => format!("place {slave} on the cable"),
         }

@@ -124,11 +124,13 @@ pub fn load_changed(
     let places = setups
         .as_ref()
         .map_or_else(Vec::new, |setups| setups.places_in_words(&machine));
+    let mut warnings = setups.map_or_else(Vec::new, |setups| setups.warnings);
+    warnings.extend(logic_that_is_missing(&machine, &path));
     let checked = Checked {
         machine,
         plant,
         places,
-        warnings: setups.map_or_else(Vec::new, |setups| setups.warnings),
+        warnings,
         program: short,
         long,
         start,
@@ -309,17 +311,35 @@ impl Checked {
     }
 }
 
+/// The file of the machine's own logic that is not there, in words.
+fn logic_that_is_missing(machine: &Machine, machine_file: &Path) -> Option<String> {
+    let logic = machine.logic.as_ref()?;
+    let beside = machine_file.parent().unwrap_or(Path::new(""));
+    let folder = beside.join(&logic.folder);
+    let names_file = |(index, word): &(usize, &String)| {
+        *index == 0 && word.contains('/') || word.starts_with("./") || word.starts_with("../")
+    };
+    let mut files = logic.command.iter().enumerate().filter(names_file);
+    let (_, missing) = files.find(|(_, word)| !folder.join(word).exists())?;
+    Some(format!(
+        "[logic] command names {missing}, which is not in {}: the cell would not start",
+        folder.display()
+    ))
+}
+
 /// On a fieldbus nothing but a signal carries what a program switches: one that goes nowhere is refused before it moves.
 ///
 /// # Errors
 /// The first output, coolant or spindle of the program that no signal comes from, with its line.
 pub fn all_arrives(machine: &Machine, program: &Program) -> anyhow::Result<()> {
-    if machine.bus.is_none() {
+    let Some(bus) = &machine.bus else {
         return Ok(());
-    }
+    };
     let comes = |is_it: &dyn Fn(&SignalSource) -> bool| {
         machine.signals.iter().any(|signal| is_it(&signal.from))
     };
+    let encoder = machine.spindle.map_or(0, |of| of.encoder_counts_per_turn);
+    let has_angle = bus.spindle.is_some() && encoder > 0;
     let by_state = |states: &[MachineState]| {
         comes(&|from| from.state.is_some_and(|state| states.contains(&state)))
     };
@@ -327,22 +347,22 @@ pub fn all_arrives(machine: &Machine, program: &Program) -> anyhow::Result<()> {
         let (what, key, arrives) = match event.kind {
             EventKind::DigitalOutput { index, .. } => (
                 format!("digital output {index}"),
-                format!("output = {index}"),
+                format!("{{ output = {index} }}"),
                 comes(&|from| from.output == Some(index)),
             ),
             EventKind::AnalogOutput { index, .. } => (
                 format!("analogue output {index}"),
-                format!("analog_output = {index}"),
+                format!("{{ analog_output = {index} }}"),
                 comes(&|from| from.analog_output == Some(index)),
             ),
             EventKind::Flood(true) => (
                 "coolant (M8)".into(),
-                "state = \"flood\"".into(),
+                "{ state = \"flood\" }".into(),
                 by_state(&[MachineState::Flood]),
             ),
             EventKind::Mist(true) => (
                 "coolant (M7)".into(),
-                "state = \"mist\"".into(),
+                "{ state = \"mist\" }".into(),
                 by_state(&[MachineState::Mist]),
             ),
             EventKind::SpindleClockwise | EventKind::SpindleCounterClockwise
@@ -350,19 +370,26 @@ pub fn all_arrives(machine: &Machine, program: &Program) -> anyhow::Result<()> {
             {
                 (
                     "the spindle".into(),
-                    "state = \"spindle-speed\"".into(),
-                    by_state(&[
-                        MachineState::SpindleClockwise,
-                        MachineState::SpindleCounterClockwise,
-                        MachineState::SpindleSpeed,
-                    ]),
+                    "{ state = \"spindle-speed\" }, and no [bus.spindle] drives it".into(),
+                    bus.spindle.is_some()
+                        || by_state(&[
+                            MachineState::SpindleClockwise,
+                            MachineState::SpindleCounterClockwise,
+                            MachineState::SpindleSpeed,
+                        ]),
                 )
             }
+            EventKind::SpindleOrient(_) if machine.spindle.is_some() => (
+                "the angle of the spindle (M19)".into(),
+                "{ state = \"spindle-orient\" }, and no [bus.spindle] with an encoder finds it"
+                    .into(),
+                by_state(&[MachineState::SpindleOrient, MachineState::SpindleAngle]) || has_angle,
+            ),
             _ => continue,
         };
         if !arrives {
             bail!(
-                "{}:{}: {what} goes nowhere: no [[signal]] has from = {{ {key} }}",
+                "{}:{}: {what} goes nowhere: no [[signal]] has from = {key}",
                 program.name,
                 event.line
             );

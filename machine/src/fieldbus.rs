@@ -4,7 +4,7 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 
 /// The fieldbus.
-#[derive(Debug, Clone, PartialEq, Eq, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
 pub struct Fieldbus {
     /// The network interface that the drives are connected to, such as `enp3s0`; they are its only users.
     pub interface: String,
@@ -25,6 +25,26 @@ pub struct Fieldbus {
     #[serde(rename = "terminal")]
     #[schemars(length(max = 15), extend("default" = []))]
     pub terminals: Vec<Terminal>,
+    /// The drive of the [spindle](../howto/spindle.md#a-spindle-drive-on-the-bus), where it has one on the bus.
+    pub spindle: Option<SpindleDrive>,
+}
+
+/// The drive of the spindle: it keeps the speed that it is told in each scan.
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
+pub struct SpindleDrive {
+    /// Its [drive file](drive-file.md), a path below the folder of this file; its `mode.operate` is `csv`, `profile-velocity` or
+    /// `velocity`.
+    pub file: String,
+    /// Its place on the cable, from 0.
+    #[schemars(extend("minimum" = 0, "maximum" = 15))]
+    pub slave: u32,
+    /// Turns of the motor in one turn of the spindle. Where it is not 1, M19 finds another angle whenever drives have been switched on
+    /// anew.
+    #[schemars(extend("unit" = "turns", "exclusiveMinimum" = 0, "maximum" = 1000, "default" = 1.0))]
+    pub motor_turns: f64,
+    /// Speed at which it looks for the angle of M19, by its encoder.
+    #[schemars(extend("unit" = "rev/min", "exclusiveMinimum" = 0, "maximum" = 1000, "default" = 60.0))]
+    pub orientation_rpm: f64,
 }
 
 /// A terminal.

@@ -16,8 +16,9 @@ pub struct Logic {
     /// It is asked once in so many interpolation periods.
     #[schemars(extend("unit" = "periods", "minimum" = 1, "maximum" = 100, "default" = 1))]
     pub every_periods: u32,
-    /// Longest time from a question to its answer in realtime; later it is lost, as if it had died. In lockstep it is waited for.
-    #[schemars(extend("unit" = "ms", "minimum" = 1, "maximum" = 60_000, "default" = 20.0))]
+    /// Longest time from a question to its answer in realtime; later it is lost, as if it had died. An ordinary PC may stall for 50 ms, a busy one
+    /// for more: give it what the machine can bear, as `watchdog_scans` of the servos. In lockstep it is waited for.
+    #[schemars(extend("unit" = "ms", "minimum" = 1, "maximum" = 60_000, "default" = 50.0))]
     pub deadline_ms: f64,
     /// What the machine does when it is lost: its outputs have their `lost` values then, whatever this says.
     #[schemars(extend("default" = "hold"))]

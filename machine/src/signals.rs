@@ -154,6 +154,9 @@ pub enum MachineState {
     Flood,
     /// Number of the tool that is to be in the spindle.
     ToolWanted,
+    /// A changer is to bring the tool that is wanted (M6): the program waits for it, and the spindle stands. Off in hold and while the
+    /// drives are off.
+    ToolChange,
     /// Number of the tool that is to be ready for the next change.
     ToolPrepared,
     /// The drives are on.

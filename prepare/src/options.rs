@@ -86,8 +86,8 @@ pub struct DriveFileOptions {
     /// Of which device.
     #[command(flatten)]
     pub of: EsiOptions,
-    /// Mode of operation [default: the first of csv, cst and csp that the drive can be driven in]
-    #[arg(long, value_parser = ["csv", "cst", "csp"])]
+    /// Mode of operation [default: the first of these that the drive can be driven in]; the last two are for spindles alone
+    #[arg(long, value_parser = ["csv", "cst", "csp", "profile-velocity", "velocity"])]
     pub mode: Option<String>,
 }
 

@@ -105,7 +105,7 @@ fn segment(network: &Network, more: &[&str]) -> Segment {
 }
 
 /// Runs a program in lockstep, with a fault script.
-fn ran(network: &Network, machine: &TempDir, program: &str, faults: Option<&str>) -> Done {
+pub fn ran(network: &Network, machine: &TempDir, program: &str, faults: Option<&str>) -> Done {
     let shown = |name: &str| machine.path().join(name).to_string_lossy().into_owned();
     let (folder, file, out, script) = (shown("."), shown("p.ngc"), shown("run"), shown("f.toml"));
     fs::write(&file, program).expect("writing");

@@ -4,8 +4,9 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::{
-    CONTROLWORD, ERROR_CODE, MODE, MODE_DISPLAY, POSITION, STATUSWORD, TARGET_POSITION,
-    TARGET_TORQUE, TARGET_VELOCITY, TORQUE, TORQUE_OFFSET, VELOCITY, VELOCITY_OFFSET,
+    CONTROLWORD, CONVERTER_TARGET_VELOCITY, CONVERTER_VELOCITY, ERROR_CODE, MODE, MODE_DISPLAY,
+    POSITION, STATUSWORD, TARGET_POSITION, TARGET_TORQUE, TARGET_VELOCITY, TORQUE, TORQUE_OFFSET,
+    VELOCITY, VELOCITY_OFFSET,
 };
 
 /// A mode of operation that a drive may support (object 6502).
@@ -70,7 +71,7 @@ impl DriveMode {
     }
 }
 
-/// A mode in which the controller can drive an axis.
+/// A mode in which the controller can drive an axis, or a spindle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum OperatingMode {
@@ -81,12 +82,42 @@ pub enum OperatingMode {
     /// Cyclic synchronous position: the drive closes the position loop; the controller adds velocity (60B1) and torque (60B2) where it
     /// takes them.
     Csp = 8,
+    /// Profile velocity, of spindles alone: the drive itself ramps to the speed that it is told.
+    ProfileVelocity = 3,
+    /// Velocity of frequency converters (6042 and 6044, in rev/min), of spindles alone.
+    Velocity = 2,
 }
 
 impl OperatingMode {
     /// All, the one to prefer first.
-    pub const ALL: [OperatingMode; 3] =
-        [OperatingMode::Csv, OperatingMode::Cst, OperatingMode::Csp];
+    pub const ALL: [OperatingMode; 5] = [
+        OperatingMode::Csv,
+        OperatingMode::Cst,
+        OperatingMode::Csp,
+        OperatingMode::ProfileVelocity,
+        OperatingMode::Velocity,
+    ];
+
+    /// Whether an axis can be driven in it; a spindle can in those that are told a speed.
+    pub fn drives_axes(self) -> bool {
+        !matches!(
+            self,
+            OperatingMode::ProfileVelocity | OperatingMode::Velocity
+        )
+    }
+
+    /// Whether the drive is told a speed in it.
+    pub fn is_told_speed(self) -> bool {
+        self == OperatingMode::Csv || !self.drives_axes()
+    }
+
+    /// The objects of target and actual velocity in it.
+    pub fn velocity_objects(self) -> (u16, u16) {
+        match self {
+            OperatingMode::Velocity => (CONVERTER_TARGET_VELOCITY, CONVERTER_VELOCITY),
+            _ => (TARGET_VELOCITY, VELOCITY),
+        }
+    }
 
     /// Its value of object 6060.
     pub fn value(self) -> i64 {
@@ -99,6 +130,8 @@ impl OperatingMode {
             OperatingMode::Csp => DriveMode::Csp,
             OperatingMode::Csv => DriveMode::Csv,
             OperatingMode::Cst => DriveMode::Cst,
+            OperatingMode::ProfileVelocity => DriveMode::ProfileVelocity,
+            OperatingMode::Velocity => DriveMode::Velocity,
         }
     }
 
@@ -111,7 +144,8 @@ impl OperatingMode {
     pub fn receive_needed(self) -> &'static [u16] {
         match self {
             OperatingMode::Csp => &[CONTROLWORD, TARGET_POSITION],
-            OperatingMode::Csv => &[CONTROLWORD, TARGET_VELOCITY],
+            OperatingMode::Csv | OperatingMode::ProfileVelocity => &[CONTROLWORD, TARGET_VELOCITY],
+            OperatingMode::Velocity => &[CONTROLWORD, CONVERTER_TARGET_VELOCITY],
             OperatingMode::Cst => &[CONTROLWORD, TARGET_TORQUE],
         }
     }
@@ -121,7 +155,9 @@ impl OperatingMode {
         match self {
             OperatingMode::Csp => &[VELOCITY_OFFSET, TORQUE_OFFSET, MODE],
             OperatingMode::Csv => &[TORQUE_OFFSET, MODE],
-            OperatingMode::Cst => &[MODE],
+            OperatingMode::Cst | OperatingMode::ProfileVelocity | OperatingMode::Velocity => {
+                &[MODE]
+            }
         }
     }
 
@@ -130,6 +166,8 @@ impl OperatingMode {
         match self {
             OperatingMode::Csp | OperatingMode::Csv => &[STATUSWORD, POSITION],
             OperatingMode::Cst => &[STATUSWORD, POSITION, TORQUE],
+            OperatingMode::ProfileVelocity => &[STATUSWORD, VELOCITY],
+            OperatingMode::Velocity => &[STATUSWORD, CONVERTER_VELOCITY],
         }
     }
 
@@ -140,6 +178,8 @@ impl OperatingMode {
                 &[VELOCITY, TORQUE, ERROR_CODE, MODE_DISPLAY]
             }
             OperatingMode::Cst => &[VELOCITY, ERROR_CODE, MODE_DISPLAY],
+            OperatingMode::ProfileVelocity => &[POSITION, TORQUE, ERROR_CODE, MODE_DISPLAY],
+            OperatingMode::Velocity => &[TORQUE, ERROR_CODE, MODE_DISPLAY],
         }
     }
 }

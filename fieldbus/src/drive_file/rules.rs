@@ -78,9 +78,12 @@ pub fn directions(data: &ProcessData) -> [Direction<'_>; 2] {
 
 fn judge_scaling(rules: &mut Rules<'_>, drive: &DriveFile) {
     let scaling = &drive.scaling;
+    let transmit = &drive.process_data.transmit;
+    let shows_position = process_data::find(transmit, cia402::POSITION, 0).is_some();
+    let needs_position = shows_position || drive.mode.operate.drives_axes();
     #[rustfmt::skip] // a table
     let keys = [
-        ("position_increments", scaling.position_increments == 0, "write the increments of the position (6064) in one turn of the motor, from 608F and 6091 or the data sheet"),
+        ("position_increments", scaling.position_increments == 0 && needs_position, "write the increments of the position (6064) in one turn of the motor, from 608F and 6091 or the data sheet"),
         ("velocity_units", scaling.velocity_units == 0, "write the value of the velocity (606C) at velocity_rpm: at 60 the increments of one turn where the drive counts increments/s"),
         ("rated_torque_nm", scaling.rated_torque_nm == 0.0, "write the rated torque of the motor in N·m, from its data sheet or 6076"),
         ("direction", scaling.direction == 0, "write 1 where the drive counts up in the positive direction of the axis, -1 where it counts down"),
@@ -406,6 +409,7 @@ fn lack_of(index: u16, mode: OperatingMode) -> Option<String> {
         // Set at start-up then, which is judged.
         cia402::MODE => return None,
         cia402::VELOCITY => "the velocity is made from positions",
+        cia402::POSITION => "no threads are cut and M19 is not done by the drive's encoder",
         cia402::TORQUE => "torque is not shown, and tuning finds no friction",
         cia402::ERROR_CODE => "the code of a fault is read after it, not with it",
         cia402::MODE_DISPLAY => "the mode is believed once it is read at start-up",

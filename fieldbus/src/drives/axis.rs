@@ -1,7 +1,6 @@
 //! One drive: what it is sent and what it shows, in its own numbers and in those of the machine.
 
 use bus::drive_page::{Inputs, SlaveState, SlaveWiring};
-use machine::Axis;
 use master::{DriveCommand, DriveFeedback, DriveState};
 
 use super::cia402_drives::operates;
@@ -16,6 +15,21 @@ use crate::process_data::{self, Pdo};
 
 /// Bit 11 of the statusword: a limit of the drive is active.
 const LIMIT_ACTIVE: u16 = 1 << 11;
+/// Bits 4 to 6 of the controlword in mode 2: the converter's ramp runs, is not frozen, and follows the target.
+const CONVERTER_RUNS: u16 = 0x70;
+
+/// What a drive moves.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Moved {
+    /// Travel of one turn of its motor, in mm; of a spindle in turns.
+    pub lead_mm: f64,
+    /// Deceleration of its stops, in mm/s².
+    pub quick_stop_mm_s2: f64,
+    /// It has to be homed.
+    pub is_homed: bool,
+    /// The controller opens its brake.
+    pub has_brake: bool,
+}
 
 /// Fields of the process data of a drive, from the start of its own.
 #[derive(Debug, Clone)]
@@ -33,7 +47,7 @@ pub(super) struct Fields {
     constants: Vec<(Field, i64)>,
     statusword: Field,
     mode_display: Option<Field>,
-    position: Field,
+    position: Option<Field>,
     velocity: Option<Field>,
     torque: Option<Field>,
     error_code: Option<Field>,
@@ -56,18 +70,23 @@ fn write(field: Option<Field>, own: &mut [u8], value: i64) {
 }
 
 impl Fields {
-    /// Of a drive file; none if it has no controlword, statusword or position, which its rules refuse.
-    fn of(drive: &DriveFile, axis: &Axis) -> Option<Fields> {
+    /// Of a drive file; none if it has no controlword or statusword, or an axis no position, which its rules refuse.
+    fn of(drive: &DriveFile, has_brake: bool) -> Option<Fields> {
         let (receive, transmit) = (&drive.process_data.receive, &drive.process_data.transmit);
+        let (target_velocity, velocity) = drive.mode.operate.velocity_objects();
+        let position = field(transmit, cia402::POSITION);
+        if position.is_none() && drive.mode.operate.drives_axes() {
+            return None;
+        }
         Some(Fields {
             controlword: field(receive, cia402::CONTROLWORD)?,
             mode: field(receive, cia402::MODE),
-            target_velocity: field(receive, cia402::TARGET_VELOCITY),
+            target_velocity: field(receive, target_velocity),
             target_torque: field(receive, cia402::TARGET_TORQUE),
             target_position: field(receive, cia402::TARGET_POSITION),
             velocity_offset: field(receive, cia402::VELOCITY_OFFSET),
             torque_offset: field(receive, cia402::TORQUE_OFFSET),
-            brake: axis.commanded_brake().and_then(|_| {
+            brake: has_brake.then_some(()).and_then(|()| {
                 let (at_bits, entry) = process_data::find(receive, cia402::DIGITAL_OUTPUTS, 1)?;
                 let bits = entry.bits;
                 Some(Field {
@@ -78,8 +97,8 @@ impl Fields {
             constants: process_data::constants(receive),
             statusword: field(transmit, cia402::STATUSWORD)?,
             mode_display: field(transmit, cia402::MODE_DISPLAY),
-            position: field(transmit, cia402::POSITION)?,
-            velocity: field(transmit, cia402::VELOCITY),
+            position,
+            velocity: field(transmit, velocity),
             torque: field(transmit, cia402::TORQUE),
             error_code: field(transmit, cia402::ERROR_CODE),
             digital_inputs: field(transmit, cia402::DIGITAL_INPUTS),
@@ -123,16 +142,16 @@ pub(super) struct DriveAxis {
 
 impl DriveAxis {
     /// The drive of an axis, before it has been seen; none if its file lacks what every mode needs.
-    pub fn new(drive: &DriveFile, axis: &Axis, scan_s: f64, missed_max: u32) -> Option<DriveAxis> {
+    pub fn new(drive: &DriveFile, moved: Moved, scan_s: f64, missed_max: u32) -> Option<DriveAxis> {
         Some(DriveAxis {
-            fields: Fields::of(drive, axis)?,
+            fields: Fields::of(drive, moved.has_brake)?,
             opens_brake: false,
-            units: Units::of(drive, axis.lead_mm),
+            units: Units::of(drive, moved.lead_mm),
             operate: drive.mode.operate,
             scan_s,
-            quick_stop_mm_s2: axis.quick_stop_mm_s2,
+            quick_stop_mm_s2: moved.quick_stop_mm_s2,
             walk: StateWalk::default(),
-            homing: DriveHoming::new(axis),
+            homing: DriveHoming::new(moved.is_homed),
             counted: 0,
             seen: false,
             device: DeviceState::NotReady,
@@ -142,7 +161,7 @@ impl DriveAxis {
             left_over: 0.0,
             target: PositionTarget::default(),
             shown: DriveFeedback {
-                referenced: axis.homing.is_none(),
+                referenced: !moved.is_homed,
                 state: DriveState::Lost { code: 0 },
                 ..DriveFeedback::default()
             },
@@ -182,6 +201,8 @@ impl DriveAxis {
         if !follows || homes || self.shown.state != DriveState::Ready {
             self.target.leave();
         }
+        let converter_runs = follows && self.operate == OperatingMode::Velocity;
+        let controlword = controlword | if converter_runs { CONVERTER_RUNS } else { 0 };
         let torque_nm = self.target(command, follows);
         let position_mm = match *command {
             DriveCommand::Position { position_mm, .. } => Some(position_mm),
@@ -285,7 +306,7 @@ impl DriveAxis {
         }
         let torque = libm::round(torque_nm * self.units.torque_per_nm) as i64;
         match self.operate {
-            OperatingMode::Csv => {
+            OperatingMode::Csv | OperatingMode::ProfileVelocity | OperatingMode::Velocity => {
                 let wanted = self.commanded_mm_s * self.units.velocity_per_mm_s + self.left_over;
                 let sent = libm::round(wanted);
                 self.left_over = wanted - sent;
@@ -346,7 +367,7 @@ impl DriveAxis {
         let fields = &self.fields;
         let statusword = fields.statusword.read(own) as u16;
         self.device = DeviceState::of(statusword);
-        let raw = fields.position.read_signed(own);
+        let raw = fields.position.map_or(0, |field| field.read_signed(own));
         let shown_mode = fields.mode_display.map(|field| field.read_signed(own));
         if self.homing.take(statusword, shown_mode) {
             // From here on the drive counts from its reference.

@@ -1,16 +1,18 @@
 //! All drives of a machine, behind the master's seam.
 
 use bus::drive_page::{Inputs, Outputs, SlaveState, SlaveWiring, Wiring};
-use bus::sample::{BusCycle, MAX_AXES, MAX_SUBSAMPLES};
+use bus::sample::{BusCycle, Levels, MAX_AXES, MAX_SUBSAMPLES};
 use bytemuck::Zeroable;
 use machine::{AxisDrive, Machine};
 use master::{
-    DriveCommand, DriveFeedback, DriveState, Drives, InputFeedback, InstrumentSample, StateRefused,
+    AuxiliaryFeedback, DriveCommand, DriveFeedback, DriveState, Drives, InputFeedback,
+    InstrumentSample, StateRefused,
 };
 
-use super::axis::DriveAxis;
+use super::axis::{DriveAxis, Moved};
 use super::signal_places::SignalPlaces;
 use super::signals::{DeviceSignals, TerminalSetup};
+use super::spindle::DrivenSpindle;
 use crate::drive_file::DriveFile;
 use crate::link::OPERATIONAL;
 
@@ -56,6 +58,8 @@ pub struct DriveSetup {
 pub struct Setups {
     /// By axis.
     pub drives: Vec<DriveSetup>,
+    /// Of the spindle, where it has a drive.
+    pub spindle: Option<DriveSetup>,
     /// In the order of the machine file.
     pub terminals: Vec<TerminalSetup>,
     /// Where signals are on the bus.
@@ -78,6 +82,7 @@ struct Axis {
 pub struct Cia402Drives<W> {
     wire: W,
     axes: Vec<Axis>,
+    spindle: Option<DrivenSpindle>,
     signals: DeviceSignals,
     /// Something was driven in the last exchange, not off and not braked.
     driven: bool,
@@ -115,16 +120,21 @@ impl<W: Wire> Cia402Drives<W> {
             .zip(&setups.drives)
             .map(|(axis, setup)| {
                 Some(Axis {
-                    drive: DriveAxis::new(&setup.drive, axis, scan_s, missed_max)?,
+                    drive: DriveAxis::new(&setup.drive, moved(axis), scan_s, missed_max)?,
                     slave: setup.slave,
                     inputs: axis.drive.iter().flat_map(AxisDrive::inputs).collect(),
                     samples: [InstrumentSample::default(); MAX_SUBSAMPLES],
                 })
             })
             .collect();
+        let spindle = match &setups.spindle {
+            Some(setup) => Some(DrivenSpindle::new(machine, setup)?),
+            None => None,
+        };
         let mut drives = Cia402Drives {
             wire,
             axes: axes?,
+            spindle,
             signals: DeviceSignals::new(&setups.signals, &setups.terminals, missed_max),
             driven: false,
             outputs: Outputs::zeroed(),
@@ -144,12 +154,23 @@ impl<W: Wire> Cia402Drives<W> {
     fn look(&mut self) {
         for _ in 0..self.look_scans {
             self.exchange(&[DriveCommand::Disabled; MAX_AXES]);
-            let shows = |axis: &Axis| !axis.drive.shown.state.is_lost();
-            if self.axes.iter().all(shows) {
+            if self.moved().all(|drive| !drive.shown.state.is_lost()) {
                 return;
             }
             self.wire.pause();
         }
+    }
+
+    /// The drives of all axes and of the spindle.
+    fn moved(&self) -> impl Iterator<Item = &DriveAxis> {
+        let spindle = self.spindle.iter().map(|spindle| &spindle.drive);
+        self.axes.iter().map(|axis| &axis.drive).chain(spindle)
+    }
+
+    /// Whether nothing moves, as far as it is shown.
+    fn rests(&self) -> bool {
+        let rests = |axis: &Axis| axis.drive.shown.velocity_mm_s.abs() < REST_MM_S;
+        self.axes.iter().all(rests) && self.spindle.as_ref().is_none_or(DrivenSpindle::stands)
     }
 
     /// Everybody stops by itself until all are at rest, as far as they show it.
@@ -158,8 +179,7 @@ impl<W: Wire> Cia402Drives<W> {
             self.command(&[DriveCommand::Disabled; MAX_AXES]);
             self.outputs.image = self.outputs.silent;
             self.carry();
-            let rests = |axis: &Axis| axis.drive.shown.velocity_mm_s.abs() < REST_MM_S;
-            if self.axes.iter().all(rests) {
+            if self.rests() {
                 return;
             }
             self.wire.pause();
@@ -168,8 +188,8 @@ impl<W: Wire> Cia402Drives<W> {
 
     /// Drives that are to be switched on need everybody: if one does not answer, another start-up of the bus, tried now and then.
     fn want_lost_drives_back(&mut self, commands: &[DriveCommand]) {
-        let lost = |axis: &Axis| axis.drive.shown.state.is_lost();
-        let any_lost = self.axes.iter().any(lost) || self.signals.any_lost();
+        let drive_lost = self.moved().any(|drive| drive.shown.state.is_lost());
+        let any_lost = drive_lost || self.signals.any_lost();
         if !commands.contains(&DriveCommand::SwitchOn) || !any_lost {
             self.wanted_scans = 0;
             return;
@@ -187,6 +207,12 @@ impl<W: Wire> Cia402Drives<W> {
             let (image, silent) = (&mut self.outputs.image, &mut self.outputs.silent);
             axis.drive.command(command, &wiring, image, silent);
         }
+        if let Some(spindle) = &mut self.spindle {
+            let (wiring, _) = slave(&self.wire, &self.inputs, spindle.slave);
+            let command = spindle.command(commands.contains(&DriveCommand::SwitchOn));
+            let (image, silent) = (&mut self.outputs.image, &mut self.outputs.silent);
+            spindle.drive.command(&command, &wiring, image, silent);
+        }
         self.signals.write(self.wire.wiring(), &mut self.outputs);
     }
 
@@ -195,14 +221,18 @@ impl<W: Wire> Cia402Drives<W> {
         let answer = self.wire.exchange(&self.outputs, &mut self.inputs);
         self.answer = answer;
         let sound = answer == WireAnswer::Answered && self.took_part();
-        for axis in &mut self.axes {
-            let (wiring, state) = slave(&self.wire, &self.inputs, axis.slave);
+        let axes = self.axes.iter_mut();
+        let axes = axes.map(|axis| (&mut axis.drive, axis.slave));
+        let spindle = self.spindle.iter_mut();
+        let spindle = spindle.map(|spindle| (&mut spindle.drive, spindle.slave));
+        for (drive, place) in axes.chain(spindle) {
+            let (wiring, state) = slave(&self.wire, &self.inputs, place);
             match answer {
                 WireAnswer::Answered if sound || !operates(&state) => {
-                    axis.drive.take(&self.inputs, &wiring, &state);
+                    drive.take(&self.inputs, &wiring, &state);
                 }
-                WireAnswer::Answered | WireAnswer::Missed => axis.drive.miss(),
-                WireAnswer::Down => axis.drive.lose(0),
+                WireAnswer::Answered | WireAnswer::Missed => drive.miss(),
+                WireAnswer::Down => drive.lose(0),
             }
         }
         let (axes, wiring) = (&self.axes, self.wire.wiring());
@@ -234,6 +264,16 @@ pub(super) fn operates(state: &SlaveState) -> bool {
     state.answered == 1 && state.al_status & 0x1F == OPERATIONAL
 }
 
+/// What the drive of an axis moves.
+fn moved(axis: &machine::Axis) -> Moved {
+    Moved {
+        lead_mm: axis.lead_mm,
+        quick_stop_mm_s2: axis.quick_stop_mm_s2,
+        is_homed: axis.homing.is_some(),
+        has_brake: axis.commanded_brake().is_some(),
+    }
+}
+
 fn slave(wire: &impl Wire, inputs: &Inputs, index: usize) -> (SlaveWiring, SlaveState) {
     let wiring = wire.wiring().slaves().get(index).copied();
     let state = inputs.slaves.get(index).copied();
@@ -257,7 +297,8 @@ impl<W: Wire> Drives for Cia402Drives<W> {
         self.want_lost_drives_back(commands);
         let drives =
             |of: &DriveCommand| !matches!(of, DriveCommand::Disabled | DriveCommand::Brake { .. });
-        self.driven = commands.iter().any(drives);
+        self.driven = commands.iter().any(drives)
+            || self.spindle.as_ref().is_some_and(DrivenSpindle::is_driven);
         self.command(commands);
         let before = self
             .axes
@@ -289,6 +330,17 @@ impl<W: Wire> Drives for Cia402Drives<W> {
         }
     }
 
+    fn command_levels(&mut self, levels: &Levels) {
+        if let Some(spindle) = &mut self.spindle {
+            spindle.set(levels);
+        }
+    }
+
+    fn auxiliary(&self) -> AuxiliaryFeedback {
+        let spindle = self.spindle.as_ref();
+        spindle.map_or_else(AuxiliaryFeedback::default, DrivenSpindle::feedback)
+    }
+
     fn inputs(&self) -> InputFeedback {
         let mut digital = 0;
         for axis in &self.axes {
@@ -313,8 +365,7 @@ impl<W: Wire> Drives for Cia402Drives<W> {
     }
 
     fn want_back(&mut self) {
-        let rests = |axis: &Axis| axis.drive.shown.velocity_mm_s.abs() < REST_MM_S;
-        if self.signals.any_lost() && !self.driven && self.axes.iter().all(rests) {
+        if self.signals.any_lost() && !self.driven && self.rests() {
             self.wire.start_again();
         }
     }
@@ -366,16 +417,16 @@ impl<W: Wire> Drives for Cia402Drives<W> {
     }
 
     fn state_bytes(&self) -> usize {
-        (self.axes.len() + self.signals.counts().count()) * SAVED_BYTES
+        (self.moved().count() + self.signals.counts().count()) * SAVED_BYTES
     }
 
     fn save(&self, bytes: &mut [u8]) {
         let slots = bytes.as_chunks_mut::<SAVED_BYTES>().0;
-        let axes = self.axes.iter().map(|axis| {
-            let referenced = u64::from(axis.drive.homing.is_referenced());
-            [axis.drive.counted as u64, referenced]
+        let moved = self.moved().map(|drive| {
+            let referenced = u64::from(drive.homing.is_referenced());
+            [drive.counted as u64, referenced]
         });
-        for (slot, words) in slots.iter_mut().zip(axes.chain(self.signals.counts())) {
+        for (slot, words) in slots.iter_mut().zip(moved.chain(self.signals.counts())) {
             slot.copy_from_slice(bytemuck::bytes_of(&words));
         }
     }
@@ -383,9 +434,15 @@ impl<W: Wire> Drives for Cia402Drives<W> {
     fn restore(&mut self, bytes: &[u8]) -> Result<(), StateRefused> {
         let slots = bytes.as_chunks::<SAVED_BYTES>().0.iter();
         let mut slots = slots.map(|slot| bytemuck::pod_read_unaligned::<[u64; 2]>(slot));
-        for axis in &mut self.axes {
+        let spindle = self.spindle.iter_mut().map(|spindle| &mut spindle.drive);
+        for drive in self
+            .axes
+            .iter_mut()
+            .map(|axis| &mut axis.drive)
+            .chain(spindle)
+        {
             let [counted, referenced] = slots.next().ok_or(StateRefused)?;
-            axis.drive.count_from(counted as i64, referenced == 1);
+            drive.count_from(counted as i64, referenced == 1);
         }
         self.signals.count_from(slots);
         self.run_down();

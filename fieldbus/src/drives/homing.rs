@@ -1,7 +1,5 @@
 //! Homing by the drive itself: CiA 402 mode 6 (IEC 61800-7-201, "homing mode").
 
-use machine::Axis;
-
 /// Mode of operation "homing".
 const HOMING: i32 = 6;
 /// Bit 4 of the controlword: homing starts at its rise.
@@ -38,10 +36,10 @@ pub(super) struct DriveHoming {
 const STALE_CYCLES: u32 = 10;
 
 impl DriveHoming {
-    pub fn new(axis: &Axis) -> DriveHoming {
+    pub fn new(needed: bool) -> DriveHoming {
         DriveHoming {
-            needed: axis.homing.is_some(),
-            referenced: axis.homing.is_none(),
+            needed,
+            referenced: !needed,
             step: Step::Idle,
             cycles: 0,
         }

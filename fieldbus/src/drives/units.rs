@@ -2,7 +2,7 @@
 
 use crate::drive_file::DriveFile;
 
-/// Factors between the drive's numbers and the machine's.
+/// Factors between the drive's numbers and the machine's; of a spindle mm are turns.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Units {
     /// mm of travel of one increment; negative where the drive counts the other way.
@@ -19,7 +19,11 @@ impl Units {
         let scaling = &drive.scaling;
         let sign = if scaling.direction < 0 { -1.0 } else { 1.0 };
         let turns = f64::from(scaling.position_turns);
-        let turns_per_increment = turns / f64::from(scaling.position_increments);
+        let turns_per_increment = match scaling.position_increments {
+            // It shows no position.
+            0 => 0.0,
+            increments => turns / f64::from(increments),
+        };
         // In 1 mm/s there are 60/lead rev/min.
         let rpm_per_mm_s = 60.0 / lead_mm;
         Units {

@@ -8,8 +8,9 @@ use crate::fieldbus::{AxisDrive, Fieldbus};
 use crate::machine::Machine;
 use crate::settings_file::Rules;
 
-/// Stands for a terminal where axes have their names.
+/// Stands for a terminal where axes have their names, and for the spindle.
 const TERMINAL: &str = "";
+const SPINDLE: &str = "spindle";
 /// Most slaves of a segment.
 const SLAVES_MAX: usize = bus::drive_page::SLAVES_MAX;
 
@@ -43,6 +44,7 @@ fn judge_inputs(rules: &mut Rules<'_>, machine: &Machine) {
 fn whose(name: &str) -> String {
     match name {
         TERMINAL => "a [[bus.terminal]]".into(),
+        SPINDLE => "[bus.spindle]".into(),
         axis => format!("axis {axis}"),
     }
 }
@@ -68,6 +70,32 @@ fn judge_terminals(rules: &mut Rules<'_>, bus: &Fieldbus, taken: &mut Vec<(usize
             rules.say(&["bus", "terminal", &number, "slave"], None, &what);
         }
         taken.push((place, TERMINAL));
+    }
+}
+
+/// The drive of the spindle has a place of its own, and there is a spindle.
+fn judge_spindle(
+    rules: &mut Rules<'_>,
+    machine: &Machine,
+    bus: &Fieldbus,
+    taken: &mut Vec<(usize, &str)>,
+) {
+    let Some(drive) = &bus.spindle else {
+        return;
+    };
+    let mut say = |key: &str, what: &str| rules.say(&["bus", "spindle", key], None, what);
+    if let Some(what) = wrong_path(&drive.file) {
+        say("file", &what);
+    }
+    let place = drive.slave as usize;
+    if let Some((_, other)) = taken.iter().find(|(taken, _)| *taken == place) {
+        let what = format!("= {place}: is the place of {}", whose(other));
+        say("slave", &what);
+    }
+    taken.push((place, SPINDLE));
+    if machine.spindle.is_none() {
+        let what = "goes with [spindle] alone: write its speeds there, [spindle] speed_max_rpm = …";
+        say("file", what);
     }
 }
 
@@ -111,6 +139,7 @@ pub fn judge(rules: &mut Rules<'_>, machine: &Machine) {
         rules.say(&["bus", "interface"], None, &what);
     }
     judge_terminals(rules, bus, &mut taken);
+    judge_spindle(rules, machine, bus, &mut taken);
     for other in &bus.other_slaves {
         let place = *other as usize;
         if let Some((_, of)) = taken.iter().find(|(taken, _)| *taken == place) {
@@ -131,7 +160,7 @@ pub fn judge(rules: &mut Rules<'_>, machine: &Machine) {
         && places.windows(2).all(|pair| pair.first() != pair.last())
     {
         let what = format!(
-            "leaves place {gap} on the cable open: it is that of an axis ([axis.drive] slave), of a terminal ([[bus.terminal]]), or of another device (other_slaves)"
+            "leaves place {gap} on the cable open: it is that of an axis ([axis.drive] slave), of a terminal ([[bus.terminal]]), of the spindle ([bus.spindle]), or of another device (other_slaves)"
         );
         rules.say(&["bus", "other_slaves"], None, &what);
     }

@@ -83,6 +83,17 @@ fn plain(schema: &mut JsonSchemaValue) {
         let kind = kinds.iter().find(|kind| *kind != "null").cloned();
         object.extend(kind.map(|kind| ("type".to_string(), kind)));
     }
+    // A key that may be left out and is one of several words.
+    if let Some(Value::Array(any)) = object.shift_remove("anyOf") {
+        let mut some = any
+            .into_iter()
+            .filter(|of| of.get("type") != Some(&json!("null")));
+        if let Some(Value::Object(of)) = some.next() {
+            for (key, value) in of {
+                object.entry(key).or_insert(value);
+            }
+        }
+    }
     if let (Some(unit), Some(items)) = (object.get("unit").cloned(), object.get_mut("items")) {
         items["unit"] = unit;
     }

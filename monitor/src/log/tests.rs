@@ -177,6 +177,7 @@ fn a_cycle_of_the_bus_is_read_back_and_counts_in_no_digest() {
         standby: false,
         other_slaves: Vec::new(),
         terminals: Vec::new(),
+        spindle: None,
     });
     let (path, recorded, with) = record(&on_bus, "bus.mcap");
     recorded.unwrap();

@@ -587,6 +587,7 @@ fn on_a_bus() -> Machine {
             standby: false,
             other_slaves: Vec::new(),
             terminals: Vec::new(),
+            spindle: None,
         }),
         ..two_axes()
     }
