@@ -163,6 +163,10 @@ fn a_door_holds_a_missing_part_refuses_and_a_button_starts() {
     for order in [&["resume"][..], &["jog", "X", "1"]] {
         refused(&cell, order, "door");
     }
+    let shown = quadrant().args(["status", "--cell", &cell.cell]).output();
+    let shown = String::from_utf8_lossy(&shown.expect("status").stdout).into_owned();
+    assert!(shown.contains("a door was opened"), "{shown}");
+    assert!(!shown.contains("may be moved now"), "{shown}");
     let shown = signals(&cell);
     assert_eq!(shown[0]["name"], "door");
     assert_eq!(
@@ -173,6 +177,100 @@ fn a_door_holds_a_missing_part_refuses_and_a_button_starts() {
     obeyed(&cell, &["signal", "release", "start_button"]);
     obeyed(&cell, &["resume"]);
     cell.wait_for(|now| now.mode == Mode::Ready as u32);
+    // Typed-in blocks are a program too.
+    obeyed(&cell, &["signal", "force", "door", "off"]);
+    refused(&cell, &["mdi", "G1 X1 F600"], "door");
+    obeyed(&cell, &["signal", "release", "door"]);
+    obeyed(&cell, &["signal", "set", "part", "off"]);
+    refused(&cell, &["mdi", "G1 X1 F600"], "part");
+    obeyed(&cell, &["down"]);
+    let run = cell.finish();
+    let events = events_below(&run.out);
+    assert!(events.contains("a door was opened"), "{events}");
+}
+
+/// A script of orders has signals by their names, and the door holds the run in that scan on every run.
+#[test]
+fn a_door_is_opened_by_a_script_of_orders() {
+    let bench = machine(DOOR, "");
+    let order = |scan: u32, order: &str, more: &str| {
+        format!("[[order]]\nscan = {scan}\norder = \"{order}\"\n{more}")
+    };
+    let script = [
+        order(1, "signal", "signal = \"part\"\nvalue = 1\n"),
+        // It was not ready when the run began.
+        order(60, "resume", ""),
+        order(900, "signal-force", "signal = \"door\"\nvalue = 0\n"),
+        order(1400, "signal-release", "signal = \"door\"\n"),
+        order(1500, "resume", ""),
+    ];
+    let script = bench
+        .file("orders.toml", &script.concat())
+        .display()
+        .to_string();
+    let run = ended(&bench, LONG, &["--orders", &script]);
+    assert_eq!(run.status(), 0, "{}", run.stderr());
+    let samples = Reader::open(&run.out.join("run.mcap")).expect("the log");
+    let held = samples.filter_map(|sample| match sample {
+        Ok(Sample::Feedback(now)) if now.hold == 1 && now.scan > 500 => Some(now.scan),
+        _ => None,
+    });
+    let held: Vec<u64> = held.collect();
+    let (first, last) = (held.first().expect("a hold"), held.last().expect("a hold"));
+    assert!(
+        (900..=903).contains(first) && (1500..=1502).contains(last),
+        "{first} {last}"
+    );
+    let wrong = bench.file(
+        "wrong.toml",
+        &order(5, "signal", "signal = \"gate\"\nvalue = 1\n"),
+    );
+    let wrong = wrong.display().to_string();
+    let refused = ended(&bench, LONG, &["--orders", &wrong]);
+    assert_eq!(refused.status(), 2);
+    assert!(
+        refused.stderr().contains("none of this name"),
+        "{}",
+        refused.stderr()
+    );
+}
+
+/// A running cell shows its signals to the scope, and triggers by them.
+#[test]
+fn a_scope_of_a_running_cell_sees_named_signals() {
+    let bench = machine(DOOR, "");
+    let mut cell = LiveCell::up(bench.path(), "realtime");
+    cell.wait_for(|_| true);
+    let scope = [
+        "scope",
+        "--signal",
+        "signal.part,signal.feed_knob",
+        "--trigger",
+        "signal.part rising 0.5",
+    ];
+    let mut scope = quadrant()
+        .args(scope)
+        .args([
+            "--before", "5 scans", "--after", "5 scans", "--csv", "-", "--cell", &cell.cell,
+        ])
+        .stdout(std::process::Stdio::piped())
+        .spawn()
+        .expect("a scope");
+    // Until it has seen one.
+    while scope.try_wait().expect("the scope").is_none() {
+        obeyed(&cell, &["signal", "set", "part", "on"]);
+        obeyed(&cell, &["signal", "set", "part", "off"]);
+    }
+    let output = scope.wait_with_output().expect("its output");
+    let table = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert!(output.status.success(), "{table}");
+    let rows: Vec<&str> = table.lines().skip(1).collect();
+    assert!(
+        rows.iter()
+            .all(|row| row.ends_with(",100") || row.contains(",100,")),
+        "{table}"
+    );
+    assert!(rows.iter().any(|row| row.contains(",1,")), "{table}");
     obeyed(&cell, &["down"]);
     cell.finish();
 }

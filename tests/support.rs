@@ -18,6 +18,8 @@ use tempfile::TempDir;
 
 /// Nothing here takes longer, whatever else this PC does.
 pub const PATIENCE: Duration = Duration::from_secs(120);
+/// The same for the end of a run: beside a busy PC a long one in lockstep takes minutes.
+const RUN_PATIENCE: Duration = Duration::from_secs(600);
 
 /// `LATE_LOOKS_MS=1000` lets tests look at their cells so much later, as on a PC that has no time for them. What a test waits for may
 /// not be over by then: in lockstep a second is half a minute of the machine.
@@ -395,7 +397,7 @@ impl LiveCell {
             if let Some(status) = self.child.try_wait().expect("the launcher") {
                 break status;
             }
-            assert!(started.elapsed() < PATIENCE, "the run does not end");
+            assert!(started.elapsed() < RUN_PATIENCE, "the run does not end");
             std::thread::sleep(Duration::from_millis(5));
         };
         Run {

@@ -4,6 +4,7 @@ use std::fs::{self, Permissions};
 use std::os::unix::fs::{MetadataExt, PermissionsExt, symlink};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use rustix::process::geteuid;
@@ -18,9 +19,13 @@ const OTHER: &str = "65534";
 /// What is answered at all is answered by then.
 const SOON: Duration = Duration::from_secs(3);
 
+/// An order without `--cell` goes to the only cell of its user: one test at a time is the second user.
+static ONE: Mutex<()> = Mutex::new(());
+
 /// The second user, with a copy of the program and a folder of its own.
 struct Other {
     folder: TempDir,
+    _alone: MutexGuard<'static, ()>,
 }
 
 impl Other {
@@ -31,6 +36,7 @@ impl Other {
             eprintln!("SKIPPED: only the superuser, with `setpriv`, can become another user");
             return None;
         }
+        let alone = ONE.lock().unwrap_or_else(PoisonError::into_inner);
         let folder = tempfile::tempdir().expect("a folder");
         fs::set_permissions(folder.path(), Permissions::from_mode(0o777)).expect("opening it");
         let program = folder.path().join("quadrant");
@@ -43,7 +49,10 @@ impl Other {
         for name in ["machine.toml", "plant.toml"] {
             fs::copy(root().join("machines/xy").join(name), xy.join(name)).expect("a copy");
         }
-        Some(Other { folder })
+        Some(Other {
+            folder,
+            _alone: alone,
+        })
     }
 
     fn path(&self) -> &Path {

@@ -167,6 +167,55 @@ impl Mode {
 }
 
 wire_enum! {
+    /// Why a machine is in feed hold.
+    #[derive(Default)]
+    pub enum HoldReason {
+        /// It is not.
+        #[default]
+        None = 0 => "none",
+        /// Somebody has ordered it, or drives are on again after a stop.
+        Order = 1 => "order",
+        /// The program waits for its operator.
+        Program = 2 => "program",
+        /// A door or guard is open.
+        Door = 3 => "door",
+        /// A signal that a program needs is off.
+        Signal = 4 => "signal",
+        /// An alarm holds programs.
+        Alarm = 5 => "alarm",
+        /// The machine's own logic asks for it.
+        Logic = 6 => "logic",
+        /// The machine's own logic was lost, or does not answer.
+        LogicLost = 7 => "logic-lost",
+        /// The planner is silent.
+        PlannerLost = 8 => "planner-lost",
+        /// An axis is without its standby.
+        StandbyLost = 9 => "standby-lost",
+        /// Axes are not homed, or outside their travel.
+        Start = 10 => "start",
+    }
+    /// Its word.
+    pub fn word
+}
+
+impl HoldReason {
+    /// Why, for people; none where nothing is to be said of it.
+    pub fn words(self) -> Option<&'static str> {
+        Some(match self {
+            HoldReason::None | HoldReason::Order | HoldReason::Program => return None,
+            HoldReason::Door => "a door was opened",
+            HoldReason::Signal => "a signal that a program needs went off",
+            HoldReason::Alarm => "an alarm holds programs",
+            HoldReason::Logic => "the machine's own logic asked for it",
+            HoldReason::LogicLost => "the machine's own logic did not answer",
+            HoldReason::PlannerLost => "the planner was lost",
+            HoldReason::StandbyLost => "an axis is without its standby",
+            HoldReason::Start => "axes are not homed or outside their travel",
+        })
+    }
+}
+
+wire_enum! {
     /// Progress of a cell with its program, latched by the master.
     pub enum ProgramState {
         /// None is loaded, or the planner has refused it.
@@ -451,7 +500,7 @@ impl Hand {
 
 /// What the master says each scan.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend)]
-#[type_name("quadrant/Feedback/13")]
+#[type_name("quadrant/Feedback/14")]
 #[repr(C)]
 pub struct Feedback {
     /// Number of the scan that begins with this sample.
@@ -492,6 +541,10 @@ pub struct Feedback {
     pub override_percent: u32,
     /// 1 while feed hold is latched.
     pub hold: u32,
+    /// [`HoldReason`]: what began it.
+    pub hold_reason: u32,
+    /// Losses of the machine's own logic.
+    pub logic_losses: u32,
     /// 1 if this is the last feedback of the run.
     pub last: u32,
     /// Scans that were skipped because the master itself was late.
@@ -525,7 +578,7 @@ pub struct Feedback {
 }
 table!(
     Feedback: scan, visible_from, window, armed, voided, program_hash, tag, interrupted_at, cause_scan, program_start @ PathAxes, setpoint, at_rest, epoch, incarnation, mode,
-    cause, cause_axis, override_percent, hold, last, overrun_scans, axis_count, load, program, run, messages, rested, path_axes, ended, auxiliary, answer, inputs, axes @ Axes, checksum,
+    cause, cause_axis, override_percent, hold, hold_reason, logic_losses, last, overrun_scans, axis_count, load, program, run, messages, rested, path_axes, ended, auxiliary, answer, inputs, axes @ Axes, checksum,
 );
 
 /// What only an instrument could see: the bench's ball-bar and grid encoder, not for any controller.

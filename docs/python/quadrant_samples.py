@@ -197,7 +197,7 @@ assert ctypes.sizeof(Inputs) == 80
 
 
 class Feedback(ctypes.Structure):
-    """7216 bytes."""
+    """7224 bytes."""
 
     _fields_ = [
         ("scan", c_uint64),  # at 0
@@ -219,29 +219,31 @@ class Feedback(ctypes.Structure):
         ("cause_axis", c_uint32),  # at 208
         ("override_percent", c_uint32),  # at 212
         ("hold", c_uint32),  # at 216
-        ("last", c_uint32),  # at 220
-        ("overrun_scans", c_uint32),  # at 224
-        ("axis_count", c_uint32),  # at 228
-        ("load", c_uint32),  # at 232
-        ("program", c_uint32),  # at 236
-        ("run", c_uint32),  # at 240
-        ("messages", c_uint32),  # at 244
-        ("rested", c_uint32),  # at 248
-        ("path_axes", c_uint32),  # at 252
-        ("ended", EndedRun),  # at 256
-        ("auxiliary", Auxiliaries),  # at 304
-        ("answer", Answer),  # at 560
-        ("inputs", Inputs),  # at 728
-        ("axes", AxisFeedback * 32),  # at 808
-        ("checksum", c_uint64),  # at 7208
+        ("hold_reason", c_uint32),  # at 220
+        ("logic_losses", c_uint32),  # at 224
+        ("last", c_uint32),  # at 228
+        ("overrun_scans", c_uint32),  # at 232
+        ("axis_count", c_uint32),  # at 236
+        ("load", c_uint32),  # at 240
+        ("program", c_uint32),  # at 244
+        ("run", c_uint32),  # at 248
+        ("messages", c_uint32),  # at 252
+        ("rested", c_uint32),  # at 256
+        ("path_axes", c_uint32),  # at 260
+        ("ended", EndedRun),  # at 264
+        ("auxiliary", Auxiliaries),  # at 312
+        ("answer", Answer),  # at 568
+        ("inputs", Inputs),  # at 736
+        ("axes", AxisFeedback * 32),  # at 816
+        ("checksum", c_uint64),  # at 7216
     ]
 
     @staticmethod
     def type_name() -> str:
-        return "quadrant/Feedback/13"
+        return "quadrant/Feedback/14"
 
 
-assert ctypes.sizeof(Feedback) == 7216
+assert ctypes.sizeof(Feedback) == 7224
 
 
 class Instruments(ctypes.Structure):

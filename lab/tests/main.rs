@@ -19,6 +19,7 @@ mod homing;
 mod in_step;
 mod jog_ends;
 mod jog_override;
+mod limit_switch;
 mod linuxcnc;
 mod manual_motion;
 mod missed_scans;

@@ -1,6 +1,6 @@
 //! What a machine waits for that does not go on by itself: the orders that bring it on, in the order they are to be given in.
 
-use bus::sample::{Cause, Feedback, Mode, Order, ProgramState, Reference};
+use bus::sample::{Cause, Feedback, HoldReason, Mode, Order, ProgramState, Reference};
 use console::output::joined;
 use machine::{AfterLoss, Restart};
 
@@ -77,7 +77,19 @@ pub fn waits_for(feedback: &Feedback, restart: &Restart) -> Option<Hint> {
             hint(homed_first, orders, Some("begins the program"))
         }
         Mode::Enabled if feedback.hold == 1 => {
-            let held = Some("the machine is in hold");
+            let held = Some(match HoldReason::from_wire(feedback.hold_reason) {
+                Some(HoldReason::Door) => "the machine is in hold: close the door",
+                Some(HoldReason::Signal) => {
+                    "the machine is in hold: a signal that a program needs is off (`quadrant signal`)"
+                }
+                Some(HoldReason::Alarm) => {
+                    "the machine is in hold: see to the alarm (`quadrant alarms`)"
+                }
+                Some(HoldReason::LogicLost) => {
+                    "the machine is in hold: its own logic did not answer"
+                }
+                _ => "the machine is in hold",
+            });
             hint(held, &[Order::Resume], Some("goes on"))
         }
         _ => None,

@@ -80,8 +80,8 @@ pub struct RunOptions {
     /// tool goes there with Z last (or first, if it is below)
     #[arg(long, value_name = "LINE", conflicts_with = "learns", value_parser = clap::value_parser!(u32).range(1..))]
     pub from_line: Option<u32>,
-    /// Orders that the master obeys, each at its scan (TOML: `[[order]]` scan, order, axis, value)
-    #[arg(long, value_name = "FILE", hide = true)]
+    /// Orders of an operator, each at its scan (TOML; see docs/reference/fault-scripts.md, "Orders")
+    #[arg(long, value_name = "FILE")]
     pub orders: Option<PathBuf>,
     /// Faults to inject: kills, stops, lost or corrupted samples, each at its scan, block or reversal (TOML; see docs/reference/fault-scripts.md)
     #[arg(long, value_name = "FILE")]

@@ -281,7 +281,11 @@ impl Session {
             match folder {
                 Some(folder) if self.reports => self.make_report(run, folder),
                 Some(folder) => self.retention.over(folder),
-                None if self.reports => tracing::warn!("run {run} has left no log"),
+                None if self.reports => {
+                    let text = format!("run {run} has left no log: there is no report of it");
+                    tracing::warn!("{text}");
+                    events.note(scan, "run over", text);
+                }
                 None => {}
             }
         }

@@ -8,7 +8,8 @@ use bus::member::Pace;
 use bus::messages::{self, MessageReader, TROUBLE};
 use bus::port::{OperatorClient, PendingOrder};
 use bus::sample::{
-    Cause, DOWN_FOR_LOSS, Feedback, Job, Mode, OperatorRequest, Order, ProgramState, RunOutcome,
+    Cause, DOWN_FOR_LOSS, Feedback, HoldReason, Job, Mode, OperatorRequest, Order, ProgramState,
+    RunOutcome,
 };
 use bus::signal_page::CellPhase;
 use machine::Machine;
@@ -119,6 +120,7 @@ pub fn supervise(
         supervision.end_hangs();
         supervision.judge_deaths();
         supervision.raise_alarms();
+        supervision.note_holds();
         supervision.note_signals();
         supervision.look_after_files();
         supervision.start_replacements();
@@ -150,6 +152,8 @@ struct Supervision<'a> {
     newest: Option<Feedback>,
     messages: Option<MessageReader>,
     standby_alarm: StandbyAlarm,
+    /// Reason of the hold and losses of the logic, as they were noted last.
+    held: (u32, u32),
     tripped: bool,
     deaths: Vec<Death>,
     /// Why the run cannot go on, if so.
@@ -218,6 +222,7 @@ impl<'a> Supervision<'a> {
             newest: None,
             messages,
             standby_alarm: StandbyAlarm::default(),
+            held: (0, 0),
             tripped: false,
             deaths: Vec::new(),
             ends: None,
@@ -305,6 +310,34 @@ impl<'a> Supervision<'a> {
                 false => tracing::info!("{}", noted.words),
             }
             self.events.note(noted.scan, noted.event, noted.words);
+        }
+    }
+
+    /// Notes each feed hold with its reason, and each loss of the machine's own logic.
+    fn note_holds(&mut self) {
+        let Some(feedback) = &self.newest else {
+            return;
+        };
+        let (hold, losses) = (feedback.hold_reason, feedback.logic_losses);
+        let (was, lost) = std::mem::replace(&mut self.held, (hold, losses));
+        if losses > lost {
+            let text = format!("the machine's own logic was lost, {losses} times in all");
+            self.events.note(feedback.scan, "logic-lost", text);
+        }
+        let why = |reason: u32| HoldReason::from_wire(reason).unwrap_or_default();
+        match (why(was), why(hold)) {
+            (was, now) if was == now => {}
+            (_, HoldReason::None) => {
+                self.events
+                    .note(feedback.scan, "hold-over", "the hold is over")
+            }
+            (_, now) => {
+                let words = now.words().unwrap_or(match now {
+                    HoldReason::Program => "the program waits for its operator",
+                    _ => "it was ordered",
+                });
+                self.events.note(feedback.scan, "hold", words);
+            }
         }
     }
 

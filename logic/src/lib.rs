@@ -77,6 +77,8 @@ struct Asked {
     /// What is published of it.
     said: LogicAnswer,
     values: Vec<f64>,
+    /// They are what signals show.
+    has_values: bool,
 }
 
 /// Asks the logic until the cell ends.
@@ -118,6 +120,7 @@ pub fn run(options: &Options) -> Result<(), LogicError> {
             .iter()
             .map(|signal| signal.default)
             .collect(),
+        has_values: false,
         machine,
     };
     asked.start().map_err(LogicError::Program)?;
@@ -171,11 +174,19 @@ fn cycle(asked: &mut Asked, ports: &mut Ports, member: &Member) -> bool {
         .as_mut()
         .and_then(|reader| reader.newest(feedback.scan))
     {
+        asked.has_values = true;
         for (slot, value) in asked.values.iter_mut().zip(signals.values()) {
             *slot = *value;
         }
     }
-    asked.ask(&feedback, &|| member.ending());
+    if asked.has_values {
+        asked.ask(&feedback, &|| member.ending());
+    } else {
+        // Before signals show anything there is nothing to ask about: it is there, and sets nothing.
+        asked.said.scan = feedback.scan;
+        asked.said.visible_from = feedback.scan + 1;
+        asked.said.answers = u32::from(asked.program.as_ref().is_some_and(Program::is_ready));
+    }
     ports.answers.send(&asked.said);
     member.answered(feedback.scan);
     true

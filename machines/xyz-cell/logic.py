@@ -27,8 +27,12 @@ class Changer:
         self.count_places(io)
         # What was wanted when the change began: the program may be given up meanwhile, and another tool be wanted.
         taking = int(io["taking"])
+        # Nothing moves but while the program waits for the change: not in hold, and not where nobody has asked for it.
+        moves = io["tool_change"]
         # The drawbar is open from the step in which it opens until the one in which it closes.
-        if step == IDLE:
+        if not moves:
+            pass
+        elif step == IDLE:
             if wanted != tool and 0 <= wanted <= PLACES:
                 io["taking"] = wanted
                 step = TO_OLD if tool else OPEN_OLD
@@ -55,9 +59,9 @@ class Changer:
         io["changing"] = step
         io["arm_valve"] = step in (IN_OLD, OPEN_OLD, IN_NEW, CLOSE_NEW)
         io["drawbar_valve"] = step in (OPEN_OLD, OUT_OLD, TO_NEW, IN_NEW)
-        if step not in (TO_OLD, TO_NEW):
+        if not moves or step not in (TO_OLD, TO_NEW):
             io["carousel_motor"] = False
-        self.watch(io, step)
+        self.watch(io, step, moves)
 
     def count_places(self, io):
         """A rising pulse is a place further; place 8 is followed by place 1."""
@@ -71,9 +75,9 @@ class Changer:
         io["carousel_motor"] = not there
         return there
 
-    def watch(self, io, step):
+    def watch(self, io, step, moves):
         """A step that lasts too long is an alarm."""
-        if step != self.step:
+        if step != self.step or not moves:
             self.step, self.since = step, io.time_s
         if step != IDLE and io.time_s - self.since > STEP_S:
             io.alarm(701)

@@ -88,9 +88,9 @@ fn obeyed(order: Order, answer: &OperatorResponse) -> String {
         (Order::Disable, _) => "drives off: positions follow the axes".into(),
         (Order::Home, _) => "homing".into(),
         (Order::Reset, Some(Mode::Disabled)) => {
-            "reset: the program is loaded, from its beginning; the drives are off".into()
+            "reset: the rest is given up, `start` begins what is loaded; the drives are off".into()
         }
-        (Order::Reset, _) => "reset: the program is loaded, from its beginning".into(),
+        (Order::Reset, _) => "reset: the rest is given up, `start` begins what is loaded".into(),
         (Order::Override, _) => format!("override {} %", answer.override_percent),
         _ => format!("{}: done", order.word()),
     }

@@ -241,6 +241,17 @@ impl PlantFile {
                 ));
             }
         }
+        for contact in &self.contacts {
+            let name = &contact.signal;
+            let alone = self.contacts.iter().filter(|of| of.signal == *name).count() == 1;
+            let signal = machine.signals.iter().find(|of| of.name == *name);
+            let same = signal.is_some_and(|of| contact.value == Some(of.default));
+            if alone && same && !contact.broken {
+                words.push(format!(
+                    "signal {name}: its only [[contact]] in plant.toml shows its default: it never changes"
+                ));
+            }
+        }
         words
     }
 

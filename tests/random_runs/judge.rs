@@ -387,7 +387,10 @@ impl Trial {
                 &format!("{begun} runs have begun, {over} are over"),
             );
         }
-        for event in events.iter().filter(|event| event.name == "run over") {
+        // One whose recorder died before it had written anything has no report.
+        let is_reported =
+            |event: &&Event| event.name == "run over" && !event.text.contains("has left no log");
+        for event in events.iter().filter(is_reported) {
             let (folder, said) = event.text.split_once(": ").unwrap_or_default();
             let report = json_in(&Path::new(folder).join("report.json")).unwrap_or_default();
             let kind = report.pointer("/outcome/kind").and_then(Value::as_str);

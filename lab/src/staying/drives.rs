@@ -199,6 +199,14 @@ impl Drives for TroubledDrives {
         self.drives.inputs()
     }
 
+    fn signal(&self, index: usize) -> Option<f64> {
+        self.drives.signal(index)
+    }
+
+    fn command_signals(&mut self, values: &[f64]) {
+        self.drives.command_signals(values);
+    }
+
     fn instruments(&self, axis: usize) -> &[InstrumentSample] {
         self.drives.instruments(axis)
     }

@@ -66,7 +66,10 @@ impl Changer {
         // What was wanted when the change began: the program may be given up meanwhile, and another tool be wanted.
         let taking = number(io, "taking");
         self.count_places(io);
+        // Nothing moves but while the program waits for the change: not in hold, and not where nobody has asked for it.
+        let moves = io.is_on("tool_change");
         let step = match before {
+            same if !moves => same,
             Step::Idle if wanted != tool && wanted <= PLACES => {
                 io.set("taking", wanted);
                 match tool {
@@ -105,10 +108,10 @@ impl Changer {
             "drawbar_valve",
             matches!(step, OpenOld | OutOld | ToNew | InNew),
         );
-        if !matches!(step, ToOld | ToNew) {
+        if !moves || !matches!(step, ToOld | ToNew) {
             io.set("carousel_motor", false);
         }
-        self.watch(io, step);
+        self.watch(io, step, moves);
     }
 
     /// A rising pulse is a place further; place 8 is followed by place 1.
@@ -121,8 +124,8 @@ impl Changer {
     }
 
     /// A step that lasts too long is an alarm.
-    fn watch(&mut self, io: &mut Io<'_>, step: Step) {
-        if self.step != Some(step) {
+    fn watch(&mut self, io: &mut Io<'_>, step: Step, moves: bool) {
+        if self.step != Some(step) || !moves {
             (self.step, self.since_s) = (Some(step), io.time_s());
         }
         if step != Step::Idle && io.time_s() - self.since_s > STEP_S {

@@ -1,6 +1,6 @@
 //! Alarms of the machine: each comes by a signal or by the logic, stays until it is acknowledged, and may stop the machine.
 
-use bus::sample::{Cause, Refused, has_bit, with_bit};
+use bus::sample::{Cause, HoldReason, Refused, has_bit, with_bit};
 use machine::{Alarm, AlarmReaction, Machine};
 
 use super::Master;
@@ -113,7 +113,7 @@ impl<D: Drives> Master<D> {
             self.trip(Cause::MachineAlarm, u32::MAX);
         }
         if holds && self.program.is_running() {
-            self.modes.hold();
+            self.modes.hold(HoldReason::Alarm);
         }
     }
 

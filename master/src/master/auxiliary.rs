@@ -3,8 +3,9 @@
 //! (docs/developers/architecture.md, "Events").
 
 use bus::sample::{
-    Auxiliaries, Cause, EventCode, FLOOD, Feedback, Levels, MIST, MODES_RESET, Mode, OUTPUTS_AHEAD,
-    OVERRIDE_MAX_PERCENT, PathTag, PlannerStatus, ProgramEvent, SpindleCommand, Waiting, with_bit,
+    Auxiliaries, Cause, EventCode, FLOOD, Feedback, HoldReason, Levels, MIST, MODES_RESET, Mode,
+    OUTPUTS_AHEAD, OVERRIDE_MAX_PERCENT, PathTag, PlannerStatus, ProgramEvent, SpindleCommand,
+    Waiting, with_bit,
 };
 use machine::{Machine, ToolChanger};
 
@@ -135,6 +136,8 @@ pub(super) struct Auxiliary {
     messages_after: u64,
     /// Something latched has changed since it was last asked.
     changed: bool,
+    /// The machine's own logic, without which nothing may move, does not answer.
+    pub awaits_logic: bool,
 }
 
 impl Auxiliary {
@@ -177,6 +180,7 @@ impl Auxiliary {
             comes_back: false,
             messages_after: 0,
             changed: false,
+            awaits_logic: false,
         }
     }
 
@@ -247,11 +251,20 @@ impl Auxiliary {
         self.comes_back && self.turns()
     }
 
+    /// A changer is to bring the tool that is wanted, and the spindle stands.
+    pub fn is_changing_tool(&self) -> bool {
+        self.waiting == Waiting::ToolChange
+    }
+
     /// Whether no motion may be planned: also in the scan in which somebody has resumed and the spindle knows nothing of it yet.
     fn is_blocked(&self) -> bool {
         let spindle = self.turns() && (self.comes_back || !self.released);
         let out_of_step = self.catches_up && self.followed.is_some();
-        spindle || out_of_step || self.questions.brakes() || self.questions.waits_for_planner()
+        self.awaits_logic
+            || spindle
+            || out_of_step
+            || self.questions.brakes()
+            || self.questions.waits_for_planner()
     }
 
     /// What the feedback shows: machine and changer, what the program asks and has said, inputs and the operator's switches.
@@ -741,7 +754,7 @@ impl<D: Drives> Master<D> {
         if stop != Waiting::None {
             auxiliary.latches.stopped_for = stop as u32;
             auxiliary.latches.line = event.line;
-            self.modes.hold();
+            self.modes.hold(HoldReason::Program);
         }
     }
 

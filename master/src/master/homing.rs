@@ -499,7 +499,8 @@ impl<D: Drives> Master<D> {
 
     /// The axis that is being homed is to come to rest, and is not homed then.
     pub(super) fn end_homing(&mut self) {
-        if let Some(homing) = &mut self.manual.homing {
+        // Asked for in each scan while a door is open, it comes to its end all the same.
+        if let Some(homing) = self.manual.homing.as_mut().filter(|of| !of.ends) {
             homing.ends = true;
             homing.scans = 0;
         }

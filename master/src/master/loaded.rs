@@ -43,6 +43,7 @@ impl<D: Drives> Master<D> {
     /// which it is read again behind them.
     fn order_typed_blocks(&mut self, request: &OperatorRequest) -> Result<(), Refusal> {
         self.may_begin()?;
+        self.signals_allow(true)?;
         let is_loaded = match self.program.state() {
             ProgramState::Loaded | ProgramState::Done => true,
             ProgramState::None => false,
@@ -80,7 +81,11 @@ impl<D: Drives> Master<D> {
         }
         match (self.program.state(), self.mode()) {
             (ProgramState::Loading, Mode::Ready) => {}
-            (ProgramState::Loaded, _) if self.may_begin().is_ok() => self.begin_program(0),
+            (ProgramState::Loaded, _)
+                if self.may_begin().is_ok() && self.signals_allow(true).is_ok() =>
+            {
+                self.begin_program(0);
+            }
             (ProgramState::Running, Mode::Disabled) => self.leave_typed_blocks(),
             (ProgramState::Running, Mode::Tripped) if self.modes.has_settled() => {
                 self.leave_typed_blocks();

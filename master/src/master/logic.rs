@@ -1,8 +1,8 @@
 //! The machine's own logic, as the master sees it: what it has said last, whether it is there, and what follows when it is not.
 
 use bus::sample::{
-    Cause, Job, LOGIC_HOLD, LOGIC_INHIBIT, LOGIC_STOP, LOGIC_TRIP, LogicAnswer, Mode, Refused,
-    Roster,
+    Cause, HoldReason, Job, LOGIC_HOLD, LOGIC_INHIBIT, LOGIC_STOP, LOGIC_TRIP, LogicAnswer, Mode,
+    Refused, Roster,
 };
 use bytemuck::Zeroable;
 use machine::{Machine, OnLogicLoss};
@@ -10,6 +10,9 @@ use machine::{Machine, OnLogicLoss};
 use super::Master;
 use crate::answers::Answers;
 use crate::drives::Drives;
+
+/// A logic that has not answered within this time is lost, in s.
+const BEGINS_S: f64 = 5.0;
 
 /// What the logic has said, and whether it still counts.
 #[derive(Debug, Clone)]
@@ -19,6 +22,10 @@ pub(super) struct LogicOfMachine {
     patience_scans: u64,
     said: Box<LogicAnswer>,
     answers: bool,
+    /// Scans in which it may begin to answer, from the first scan of this master on.
+    begins_scans: u64,
+    /// Times that it was lost.
+    losses: u32,
     /// It has asked for a stop in the scan before.
     stopped: bool,
 }
@@ -32,6 +39,8 @@ impl LogicOfMachine {
             patience_scans: machine.logic_every_scans()? + deadline as u64,
             said: Box::new(LogicAnswer::zeroed()),
             answers: false,
+            begins_scans: libm::ceil(BEGINS_S / machine.scan_period_s()) as u64,
+            losses: 0,
             stopped: false,
         })
     }
@@ -52,7 +61,17 @@ impl LogicOfMachine {
             &mut self.answers,
             is_its && in_time && self.said.answers == 1,
         );
-        before && !self.answers
+        // One that never begins to answer is lost too.
+        self.begins_scans = self.begins_scans.saturating_sub(1);
+        let never_began = self.begins_scans == 1 && self.said.scan == 0;
+        let is_lost = !self.answers && (before || never_began);
+        self.losses += u32::from(is_lost);
+        is_lost
+    }
+
+    /// Times that it was lost.
+    pub fn losses(&self) -> u32 {
+        self.losses
     }
 
     /// Alarms that it raises, a bit each.
@@ -64,14 +83,14 @@ impl LogicOfMachine {
         self.answers && self.said.requests & request != 0
     }
 
-    /// Value of a signal that it sets, or the default as long as it has not; none while it is lost.
-    pub fn value(&self, index: usize, default: f64) -> Option<f64> {
+    /// Value of a signal that it sets, or this one as long as it has not; none while it is lost.
+    pub fn value(&self, index: usize, otherwise: f64) -> Option<f64> {
         if !self.answers {
             return None;
         }
         match self.said.sets.has(index) {
             true => self.said.values().get(index).copied(),
-            false => Some(default),
+            false => Some(otherwise),
         }
     }
 
@@ -105,7 +124,7 @@ impl<D: Drives> Master<D> {
             return;
         };
         let is_lost = logic.take(answers.logic.as_ref(), self.scan, roster);
-        let on_loss = logic.on_loss;
+        let (on_loss, answers) = (logic.on_loss, logic.answers);
         let (holds, trips) = (logic.asks(LOGIC_HOLD), logic.asks(LOGIC_TRIP));
         let stops = logic.asks(LOGIC_STOP);
         let stops_now = !std::mem::replace(&mut logic.stopped, stops) && stops;
@@ -115,11 +134,15 @@ impl<D: Drives> Master<D> {
         } else if driven && trips {
             self.trip(Cause::LogicTrip, u32::MAX);
         }
-        let rests = holds || is_lost && on_loss == OnLogicLoss::Hold;
-        if rests {
+        self.auxiliary.awaits_logic = !answers && on_loss != OnLogicLoss::GoOn;
+        let reason = match holds {
+            true => HoldReason::Logic,
+            false => HoldReason::LogicLost,
+        };
+        if holds || is_lost && on_loss == OnLogicLoss::Hold {
             match self.mode() {
                 Mode::Jogging => self.rest_all_by_hand(),
-                _ if self.program.is_running() => self.modes.hold(),
+                _ if self.program.is_running() => self.modes.hold(reason),
                 _ => {}
             }
         }

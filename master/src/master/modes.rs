@@ -1,6 +1,6 @@
 //! What the machine is in and why: the mode, the cause of a stop, the hold, and whether the run ends. Nothing else changes them.
 
-use bus::sample::{Cause, EndedRun, Feedback, Mode, Order, RunOutcome};
+use bus::sample::{Cause, EndedRun, Feedback, HoldReason, Mode, Order, RunOutcome};
 use machine::Machine;
 
 use super::RunEnd;
@@ -36,7 +36,7 @@ impl Reason {
 pub(super) struct Modes {
     mode: Mode,
     reason: Reason,
-    hold: bool,
+    hold: HoldReason,
     override_percent: u32,
     override_max_percent: u32,
     /// Mode that a motion by hand began in and goes back to.
@@ -68,7 +68,7 @@ impl Modes {
         Modes {
             mode: Mode::Disabled,
             reason: Reason::NONE,
-            hold: false,
+            hold: HoldReason::None,
             override_percent: 100,
             override_max_percent: machine.path.feed_override_max_percent,
             jog_from: Mode::Enabled,
@@ -89,7 +89,7 @@ impl Modes {
     /// Goes on where a master before this one left, which is the cause: drives off.
     pub fn resume(&mut self, latches: &Latches, scan: u64) {
         self.override_percent = latches.override_percent.min(self.override_max_percent);
-        self.hold = latches.hold == 1;
+        self.hold = HoldReason::from_wire(latches.hold).unwrap_or(HoldReason::Order);
         self.may_end = latches.may_end == 1;
         if latches.ends != 0 {
             self.order_end(latches.ends == FOR_LOSS);
@@ -104,7 +104,7 @@ impl Modes {
     pub fn latch(&self, latches: &mut Latches) {
         let stops = matches!(self.mode, Mode::Stopping | Mode::Stopped);
         latches.override_percent = self.override_percent;
-        latches.hold = u32::from(self.hold);
+        latches.hold = self.hold as u32;
         latches.may_end = u32::from(self.may_end || self.ends() && stops);
         latches.ends = match (self.ordered_to_end, self.ends_for_loss) {
             (false, _) => 0,
@@ -120,7 +120,8 @@ impl Modes {
         feedback.cause_axis = self.reason.axis;
         feedback.cause_scan = self.reason.scan;
         feedback.override_percent = self.override_percent;
-        feedback.hold = u32::from(self.hold);
+        feedback.hold = u32::from(self.is_held());
+        feedback.hold_reason = self.hold as u32;
         feedback.last = u32::from(self.last);
         feedback.rested = u32::from(self.has_rested());
     }
@@ -134,12 +135,12 @@ impl Modes {
     }
 
     pub fn is_held(&self) -> bool {
-        self.hold
+        self.hold != HoldReason::None
     }
 
     /// Whether a program's path may go on.
     pub fn runs(&self) -> bool {
-        self.mode == Mode::Enabled && !self.hold
+        self.mode == Mode::Enabled && !self.is_held()
     }
 
     pub fn override_percent(&self) -> u32 {
@@ -165,12 +166,15 @@ impl Modes {
         self.mode = mode;
     }
 
-    pub fn hold(&mut self) {
-        self.hold = true;
+    /// Feed hold; one that is in force keeps its reason.
+    pub fn hold(&mut self, reason: HoldReason) {
+        if !self.is_held() {
+            self.hold = reason;
+        }
     }
 
     pub fn release(&mut self) {
-        self.hold = false;
+        self.hold = HoldReason::None;
     }
 
     /// Shows why something is not done, from the feedback of the next scan on.
@@ -244,7 +248,10 @@ impl Modes {
     /// Drives are on again for the program that was started, in hold or not.
     pub fn go_on(&mut self, hold: bool) {
         self.mode = Mode::Enabled;
-        self.hold = hold;
+        self.hold = match hold {
+            true => HoldReason::Order,
+            false => HoldReason::None,
+        };
     }
 
     /// Drives go off as ordered; the run goes on.
@@ -280,7 +287,9 @@ impl Modes {
     /// A stop was ordered with the drives off or in a trip: a run ends, and in a cell that stays up nothing goes on by itself.
     pub fn stop_standing(&mut self) {
         self.may_end = self.ends();
-        self.hold |= !self.ends();
+        if !self.ends() {
+            self.hold(HoldReason::Order);
+        }
     }
 
     /// The run may end where it ends at all.

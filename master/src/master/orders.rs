@@ -2,7 +2,9 @@
 //!
 //! The table of states and orders is docs/reference/orders.md.
 
-use bus::sample::{Cause, DOWN_FOR_LOSS, Mode, OperatorRequest, OperatorResponse, Order, Refused};
+use bus::sample::{
+    Cause, DOWN_FOR_LOSS, HoldReason, Mode, OperatorRequest, OperatorResponse, Order, Refused,
+};
 
 use crate::drives::Drives;
 
@@ -193,11 +195,11 @@ impl<D: Drives> Master<D> {
             Mode::Finished => Err(Refused::Finished.into()),
             Mode::Jogging => {
                 self.rest_all_by_hand();
-                self.modes.hold();
+                self.modes.hold(HoldReason::Order);
                 Ok(())
             }
             Mode::Disabled | Mode::Enabled | Mode::Stopping | Mode::Stopped | Mode::Ready => {
-                self.modes.hold();
+                self.modes.hold(HoldReason::Order);
                 Ok(())
             }
         }

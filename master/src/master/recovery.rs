@@ -1,6 +1,6 @@
 //! After a fault: the machine waits until it can go on, and for the order to.
 
-use bus::sample::{Mode, Roster};
+use bus::sample::{HoldReason, Mode, Roster};
 use bytemuck::Zeroable;
 
 use super::Master;
@@ -67,7 +67,7 @@ impl<D: Drives> Master<D> {
         } else {
             // Its program waits until the axes are homed and within their travel, and an order comes.
             if self.modes.ends() && waits {
-                self.modes.hold();
+                self.modes.hold(HoldReason::Start);
             }
             // A drive that cannot be driven trips in the first scan, with its cause.
             self.modes.start();
@@ -147,14 +147,14 @@ impl<D: Drives> Master<D> {
         let answered = answers.planner.is_some_and(|said| said.scan >= self.scan);
         let holds = self.losses.hold_for_planner(answered, roster);
         if holds && self.mode() == Mode::Enabled {
-            self.modes.hold();
+            self.modes.hold(HoldReason::PlannerLost);
         }
     }
 
     /// An axis that is without its standby for too long holds the machine where the machine file says so.
     pub(super) fn hold_without_standby(&mut self) {
         if self.mode() == Mode::Enabled && self.losses.hold_for_standby(&mut self.axes) {
-            self.modes.hold();
+            self.modes.hold(HoldReason::StandbyLost);
         }
     }
 }

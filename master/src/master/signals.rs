@@ -1,8 +1,8 @@
 //! Named inputs and outputs: each scan the value of each from its source, and what the controller does with them (docs/howto/signals.md).
 
 use bus::sample::{
-    Cause, FLOOD, Levels, MIST, Mode, OperatorRequest, Order, Refused, Signals, SpindleCommand,
-    has_bit, with_bit,
+    Cause, FLOOD, HoldReason, Levels, MAX_AXES, MIST, Mode, OperatorRequest, Order, Refused,
+    Signals, SpindleCommand, has_bit, with_bit,
 };
 use bytemuck::Zeroable;
 use machine::{Machine, MachineState, SetBy, Signal, SignalKind};
@@ -158,6 +158,8 @@ pub(super) struct NamedSignals {
     turned: [Option<f64>; 2],
     /// Limit switches that axes were on in the scan before, a bit each: the low ends, the high ends.
     on_limit: [u64; 2],
+    /// Where axes were commanded to be in the scan before.
+    commanded: [i64; MAX_AXES],
     /// Pulses by travel.
     pulses: Vec<Pulse>,
     wheel_told: Told,
@@ -170,7 +172,14 @@ impl NamedSignals {
         let pulses: Vec<Pulse> = pulses
             .filter_map(|(index, signal)| Pulse::of(machine, index, signal))
             .collect();
-        let planned: Vec<Planned> = machine.signals.iter().map(Planned::of).collect();
+        let mut planned: Vec<Planned> = machine.signals.iter().map(Planned::of).collect();
+        // The tool that is in the spindle when the cell begins is that of the cell before.
+        let tool = machine.functions.tool_in_spindle.as_deref();
+        let tool = tool.and_then(|name| planned.get_mut(machine.signal(name)?));
+        if let Some(tool) = tool.filter(|tool| tool.keeps) {
+            tool.default = f64::from(machine.beginning.tool);
+            tool.lost = tool.default;
+        }
         let alarms = Alarms::new(machine);
         shown.count = planned.len() as u32;
         shown.alarm_count = alarms.count() as u32;
@@ -188,6 +197,7 @@ impl NamedSignals {
             pressed: [true; 2],
             turned: [None; 2],
             on_limit: [0; 2],
+            commanded: [0; MAX_AXES],
             pulses,
             wheel_told: Told::default(),
         }
@@ -278,8 +288,10 @@ impl NamedSignals {
                     pulse.map(|pulse| f64::from(u8::from(pulse.is_on())))
                 }
                 Source::Logic => {
+                    // One that is started again has not said yet what a signal that keeps its value shows.
+                    let kept = self.latches.held(index, SET).filter(|_| planned.keeps);
                     let logic = self.logic.as_ref();
-                    logic.and_then(|logic| logic.value(index, planned.default))
+                    logic.and_then(|logic| logic.value(index, kept.unwrap_or(planned.default)))
                 }
                 Source::Operator => {
                     let set = self.latches.held(index, SET);
@@ -414,6 +426,15 @@ impl NamedSignals {
         came
     }
 
+    /// Notes where the axis is commanded to be; which way that is from where it was in the scan before.
+    fn note_command(&mut self, axis: usize, position: i64) -> i64 {
+        let before = self.commanded.get_mut(axis);
+        before.map_or(0, |before| {
+            let from = std::mem::replace(before, position);
+            position.saturating_sub(from).signum()
+        })
+    }
+
     /// Whether the axis is on the switch at its end in this direction.
     fn is_on_limit(&self, axis: usize, direction: i64) -> bool {
         let switches = self.functions.limits.get(axis).copied().unwrap_or_default();
@@ -529,6 +550,8 @@ impl HeldSignal {
 pub(super) struct Now {
     pub mode: Mode,
     pub held: bool,
+    /// A changer is to bring a tool.
+    pub changes_tool: bool,
     pub run: u32,
     /// The M-code that the machine is to do.
     pub code: Option<Call>,
@@ -539,9 +562,11 @@ fn value_of(state: MachineState, levels: &Levels, now: &Now) -> f64 {
     let Now {
         mode,
         held,
+        changes_tool,
         run,
         code,
     } = *now;
+    let runs = mode == Mode::Enabled && !held;
     let spindle = SpindleCommand::from_wire(levels.spindle);
     let turns = matches!(spindle, SpindleCommand::Turn | SpindleCommand::Follow);
     let is = match state {
@@ -555,9 +580,10 @@ fn value_of(state: MachineState, levels: &Levels, now: &Now) -> f64 {
         MachineState::Mist => levels.coolant & MIST != 0,
         MachineState::Flood => levels.coolant & FLOOD != 0,
         MachineState::ToolWanted => return f64::from(levels.tool),
+        MachineState::ToolChange => runs && changes_tool,
         MachineState::ToolPrepared => return f64::from(levels.tool_prepared),
         MachineState::DrivesOn => mode != Mode::Disabled,
-        MachineState::ProgramRuns => mode == Mode::Enabled && !held,
+        MachineState::ProgramRuns => runs,
         MachineState::Tripped => mode == Mode::Tripped,
         MachineState::MCode => return code.map_or(0.0, |call| f64::from(call.code)),
         MachineState::MCodeP => return code.map_or(0.0, |call| call.p),
@@ -580,6 +606,7 @@ impl<D: Drives> Master<D> {
         let now = Now {
             mode: self.mode(),
             held: self.modes.is_held(),
+            changes_tool: self.auxiliary.is_changing_tool(),
             run: self.program.run(),
             code: self.auxiliary.machine_codes.shown(),
         };
@@ -623,7 +650,10 @@ impl<D: Drives> Master<D> {
         }
         let not_ready = self.signals.not_ready().is_some();
         if (door || not_ready) && self.program.is_running() {
-            self.modes.hold();
+            self.modes.hold(match door {
+                true => HoldReason::Door,
+                false => HoldReason::Signal,
+            });
         }
         let [feed, rapid] = self.signals.take_turned();
         if let Some(percent) = feed {
@@ -653,11 +683,13 @@ impl<D: Drives> Master<D> {
         let mut hit = None;
         for (index, axis) in self.axes.iter().enumerate() {
             let velocity_mm_s = axis.velocity_mm_s();
+            let commanded = self.signals.note_command(index, axis.command_position());
             for direction in [-1, 1] {
                 let is_on = self.signals.is_on_limit(index, direction);
                 let along_mm_s = velocity_mm_s * direction as f64;
                 let came = self.signals.note_limit(index, direction, is_on);
-                let goes_on = along_mm_s > STANDSTILL_MM_S;
+                // What a loop swings while it takes the axis over is no motion that anybody wants.
+                let goes_on = along_mm_s > STANDSTILL_MM_S && commanded == direction;
                 // A switch that bounces while the axis comes off it is no reason to stop.
                 let comes_on = came && along_mm_s > -STANDSTILL_MM_S;
                 if is_on && (goes_on || comes_on) {
@@ -757,6 +789,7 @@ from = { by = "operator" }
         let now = Now {
             mode: Mode::Ready,
             held: false,
+            changes_tool: false,
             run: 0,
             code: None,
         };

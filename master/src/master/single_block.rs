@@ -1,7 +1,7 @@
 //! Single block: the planner brings the path to rest at the end of each block, and the master latches there that the operator is
 //! waited for. What identifies a stop is the end of its block on the path, so that one that is latched is made once, whoever is killed.
 
-use bus::sample::{Mode, PlannerStatus};
+use bus::sample::{HoldReason, Mode, PlannerStatus};
 
 use super::Master;
 use crate::drives::Drives;
@@ -16,7 +16,7 @@ impl<D: Drives> Master<D> {
         match self.mode() {
             Mode::Enabled => {
                 self.auxiliary.end_block(&status.event, true);
-                self.modes.hold();
+                self.modes.hold(HoldReason::Program);
             }
             // From a stop here it goes on without another one.
             Mode::Stopping | Mode::Stopped => self.auxiliary.end_block(&status.event, false),

@@ -232,7 +232,7 @@ pub struct PlantContact {
     /// Until when.
     #[schemars(extend("unit" = "s", "minimum" = 0, "maximum" = 1_000_000_000))]
     pub until_s: Option<f64>,
-    /// It holds so much later than what it names is so.
+    /// It holds so much later than what it names is so, also after the first scan of the cell.
     #[schemars(extend("unit" = "ms", "minimum" = 0, "maximum" = 1_000_000, "default" = 0.0))]
     pub on_delay_ms: f64,
     /// And ends so much later than that ends.

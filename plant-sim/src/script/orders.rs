@@ -42,6 +42,8 @@ struct Entry {
     scan: u64,
     order: String,
     axis: Option<String>,
+    /// Name of the signal that is set, forced or released.
+    signal: Option<String>,
     value: Option<f64>,
     /// Of jogs.
     speed_mm_s: Option<f64>,
@@ -101,8 +103,13 @@ fn request(entry: &Entry, machine: &Machine) -> Result<OperatorRequest, String> 
         | Order::JogOverride
         | Order::OptionalStop
         | Order::SingleBlock => (false, true),
+        Order::Signal | Order::SignalForce => (false, true),
         _ => (false, false),
     };
+    let of_signal = matches!(
+        order,
+        Order::Signal | Order::SignalForce | Order::SignalRelease
+    );
     // It homes one axis, or all.
     let has_axis = entry.axis.is_some() && order != Order::Home;
     let jogs = matches!(order, Order::Jog | Order::JogOn | Order::JogRenew);
@@ -112,6 +119,7 @@ fn request(entry: &Entry, machine: &Machine) -> Result<OperatorRequest, String> 
         ("axis", has_axis, wants_axis),
         ("value", entry.value.is_some(), wants_value),
         ("speed_mm_s", has_speed, has_speed && jogs),
+        ("signal", entry.signal.is_some(), of_signal),
         ("session", entry.session.is_some(), goes_on),
         ("deadline_scans", entry.deadline_scans.is_some(), goes_on),
     ] {
@@ -120,9 +128,14 @@ fn request(entry: &Entry, machine: &Machine) -> Result<OperatorRequest, String> 
             return Err(format!("{} {how} {key}", entry.order));
         }
     }
-    let axis = match &entry.axis {
-        None => 0,
-        Some(letter) => machine.program_axis_index(letter)?,
+    let axis = match (&entry.axis, &entry.signal) {
+        (Some(letter), _) => machine.program_axis_index(letter)?,
+        (None, Some(name)) => {
+            let index = machine.signal(name);
+            index.ok_or_else(|| format!("signal = {name:?}: the machine has none of this name"))?
+                as u32
+        }
+        (None, None) => 0,
     };
     Ok(OperatorRequest {
         order: order as u32,

@@ -204,7 +204,7 @@ impl Signal {
         Signal {
             name: format!("signal.{name}"),
             unit: NUMBER[0],
-            about: "input or output that the machine file names so; 0 or 1 of a switch",
+            about: "input or output that the machine file names so",
             axis: index,
             see: |of| of.set.signals.as_ref()?.values().get(of.axis).copied(),
         }

@@ -62,7 +62,7 @@ impl Feed {
     pub fn attach(cell: Option<&str>) -> Result<Feed, Failure> {
         let Client { cell, machine, bus } = Client::find(cell, "monitor")?;
         Ok(Feed {
-            ports: Some(held(&cell, Ports::open(bus, &machine))?),
+            ports: Some(held(&cell, Ports::open(bus, &machine, 1))?),
             model: Model::new(cell.place.name(), machine.clone()),
             drive_page: match machine.bus {
                 Some(_) => DrivePage::open(&cell.place).ok(),

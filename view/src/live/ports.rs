@@ -26,11 +26,12 @@ pub struct Ports {
 }
 
 impl Ports {
-    /// Opens them; nobody in the cell waits for their queues to be emptied.
+    /// Opens them; nobody in the cell waits for their queues to be emptied. Of named inputs and outputs so many scans wait here: one
+    /// for somebody who shows the newest.
     ///
     /// # Errors
     /// The cell is gone, or refuses.
-    pub fn open(bus: Bus, machine: &Machine) -> Result<Ports, CellError> {
+    pub fn open(bus: Bus, machine: &Machine, signals_depth: usize) -> Result<Ports, CellError> {
         let depth = RECORDER_DEPTH_SCANS;
         let commands = Process::servos(machine)
             .map(|servo| bus.command_reader(servo.axis as usize, servo.role as usize, depth));
@@ -38,7 +39,7 @@ impl Ports {
             commands: commands.collect::<Result<_, _>>()?,
             instruments: bus.instruments_reader(depth)?,
             bus_cycle: bus.bus_cycle_reader(depth)?,
-            signals: bus.signals_reader(1)?,
+            signals: bus.signals_reader(signals_depth)?,
             planner: bus.planner_reader(1)?,
             roster: bus.roster_reader(16)?,
             // The last one: of a scan whose feedback comes, all the others do.

@@ -60,7 +60,9 @@ fn of(model: &Model) -> CellState {
         says.next = format!("{scarce}; {}", says.next);
     }
     if let Some(why) = blocks(model) {
-        says.next = format!("{why}; {}", says.next);
+        // What can be done beside it cannot be done before.
+        let then = says.next.split(';').next().unwrap_or_default();
+        says.next = format!("{why}: first see to that; then {then}");
     }
     let mut state = CellState {
         cell: model.cell.clone(),

@@ -1,7 +1,8 @@
 //! The state of a cell in plain words, with what can be done next.
 
 use bus::sample::{
-    Auxiliaries, AxisFeedback, Cause, Driver, Feedback, Mode, ProgramState, Reference, Waiting,
+    Auxiliaries, AxisFeedback, Cause, Driver, Feedback, HoldReason, Mode, ProgramState, Reference,
+    Waiting,
 };
 use console::exit::Failure;
 use console::output::joined;
@@ -232,8 +233,17 @@ fn enabled(feedback: &Feedback, machine: &Machine) -> Says {
         return says;
     }
     let (symbol, state, tone, detail, next) = if feedback.hold == 1 && at_rest(feedback) {
-        let next = "`quadrant resume` goes on; an axis may be moved now (`jog X 5`)";
-        ("‖", "IN HOLD", Tone::Waits, "at rest".to_string(), next)
+        let reason = HoldReason::from_wire(feedback.hold_reason).unwrap_or_default();
+        let detail = reason
+            .words()
+            .map_or("at rest".into(), |why| format!("at rest: {why}"));
+        let next = match reason {
+            HoldReason::Door => "once it is closed, `quadrant resume` goes on",
+            HoldReason::Signal => "once it is on, `quadrant resume` goes on",
+            HoldReason::Alarm => "`quadrant alarms` says what to do; then `quadrant resume`",
+            _ => "`quadrant resume` goes on; an axis may be moved now (`jog X 5`)",
+        };
+        ("‖", "IN HOLD", Tone::Waits, detail, next)
     } else if feedback.hold == 1 {
         let detail = "comes to rest on the path".to_string();
         ("‖", "HOLDING", Tone::Waits, detail, IN_HOLD)

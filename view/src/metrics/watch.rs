@@ -38,7 +38,7 @@ pub fn serve(options: &MetricsOptions) -> Outcome {
     let signals = Signals::catch().environment()?;
     let listener = inherited().input()?;
     let Client { cell, machine, bus } = Client::find(Some(&options.cell), "metrics")?;
-    let mut ports = held(&cell, Ports::open(bus, &machine))?;
+    let mut ports = held(&cell, Ports::open(bus, &machine, 1))?;
     let children = children_of(cell.page.launcher_pid());
     let pace = children.iter().find_map(|child| child.pace);
     let served = Served {

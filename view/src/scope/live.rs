@@ -40,7 +40,7 @@ impl LiveSource {
     pub fn attach(cell: Option<&str>) -> Result<LiveSource, Failure> {
         let Client { cell, machine, bus } = Client::find(cell, "scope")?;
         Ok(LiveSource {
-            ports: held(&cell, Ports::open(bus, &machine))?,
+            ports: held(&cell, Ports::open(bus, &machine, RECORDER_DEPTH_SCANS))?,
             cell,
             machine,
             paths: Paths::default(),
@@ -70,6 +70,11 @@ impl LiveSource {
             if let Some(reader) = &mut ports.bus_cycle {
                 while let Some(sample) = reader.next(scan) {
                     scope.take(Sample::BusCycle(Box::new(sample)));
+                }
+            }
+            if let Some(reader) = &mut ports.signals {
+                while let Some(sample) = reader.next(scan) {
+                    scope.take(Sample::Signals(Box::new(sample)));
                 }
             }
             while let Some(sample) = ports.instruments.next(scan) {

@@ -3,6 +3,7 @@
 use bus::sample::{Job, OperatorRequest, Order, Refused};
 use machine::Machine;
 
+use super::machines::Wire;
 use crate::staying::Cell;
 
 /// Who turns and presses.
@@ -31,6 +32,8 @@ pub enum Interruption {
     MasterAndPlannerDie,
     /// Everybody comes to rest and ends.
     LauncherDies,
+    /// A signal that the machine needs goes off.
+    Opens(Wire),
 }
 
 impl Interruption {
@@ -57,6 +60,7 @@ impl Interruption {
             Interruption::MasterAndPlannerDie,
             Interruption::LauncherDies,
         ]);
+        all.extend(Wire::ALL.map(Interruption::Opens));
         all
     }
 
@@ -64,6 +68,7 @@ impl Interruption {
     pub fn may_trip(self, machine: &Machine, is_first: bool) -> bool {
         match self {
             Interruption::Ordered(order) => order == Order::EmergencyStop,
+            Interruption::Opens(wire) => wire == Wire::Chain,
             Interruption::PlannerDies | Interruption::LauncherDies => false,
             Interruption::ServoDies(axis) | Interruption::StandbyDies(axis) => {
                 !(is_first && machine.axes[axis].standby)
@@ -104,6 +109,7 @@ impl Interruption {
                 cell.replace_master();
             }
             Interruption::LauncherDies => cell.master.end_after_stop(false),
+            Interruption::Opens(wire) => return asked(cell, &wire.set(false)).map(drop),
         }
         Ok(())
     }

@@ -3,7 +3,8 @@
 use std::path::Path;
 
 use anyhow::Context;
-use machine::{HomingMethod, Machine, ToolChanger};
+use bus::sample::{OperatorRequest, Order};
+use machine::{HomingMethod, Machine, SetBy, Signal, SignalKind, SignalSource, ToolChanger};
 use plant_sim::plant_file::{PlantDriveHoming, PlantFile};
 
 use crate::stock;
@@ -29,7 +30,7 @@ pub enum Stand {
 impl Stand {
     /// The machine and what is true of it; the mill is the one in this folder.
     pub fn machine(self, mill: &Path) -> anyhow::Result<(Machine, PlantFile)> {
-        Ok(match self {
+        let (mut machine, plant) = match self {
             Stand::Homed(method) => homed(method),
             Stand::Gantry { standby } => stock::homed_machine(2, standby),
             Stand::Slides { standby } => {
@@ -40,7 +41,66 @@ impl Stand {
                 (machine, plant)
             }
             Stand::Mill(changer) => equipped(mill, changer)?,
-        })
+        };
+        wire(&mut machine);
+        Ok((machine, plant))
+    }
+}
+
+/// What a machine waits for beside its drives: an emergency-stop chain, a door and air. The signal before them does nothing.
+fn wire(machine: &mut Machine) {
+    let names = [
+        "spare",
+        Wire::Chain.name(),
+        Wire::Door.name(),
+        Wire::Air.name(),
+    ];
+    let signal = |name: &str| Signal {
+        name: name.into(),
+        kind: SignalKind::Bool,
+        unit: String::new(),
+        default: 1.0,
+        lost: None,
+        keeps: false,
+        inverted: false,
+        from: SignalSource {
+            by: Some(SetBy::Operator),
+            ..SignalSource::default()
+        },
+        to: None,
+    };
+    machine.signals = names.map(signal).into();
+    machine.functions.emergency_stop = Some(Wire::Chain.name().into());
+    machine.functions.door = Some(Wire::Door.name().into());
+    machine.functions.ready = vec![Wire::Air.name().into()];
+}
+
+/// A signal that the controller acts on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Wire {
+    Chain = 1,
+    Door = 2,
+    Air = 3,
+}
+
+impl Wire {
+    pub const ALL: [Wire; 3] = [Wire::Chain, Wire::Door, Wire::Air];
+
+    fn name(self) -> &'static str {
+        match self {
+            Wire::Chain => "chain",
+            Wire::Door => "door",
+            Wire::Air => "air",
+        }
+    }
+
+    /// The order that opens or closes it.
+    pub fn set(self, is_on: bool) -> OperatorRequest {
+        OperatorRequest {
+            axis: self as u32,
+            value: f64::from(u8::from(is_on)),
+            ..OperatorRequest::of(Order::Signal)
+        }
     }
 }
 

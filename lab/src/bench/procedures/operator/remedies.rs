@@ -5,6 +5,7 @@ use machine::HomingMethod;
 
 use super::{Done, K_SCANS, LONG_SCANS, Operator, Stop, state};
 use crate::bench::procedures::interruptions::order;
+use crate::bench::procedures::machines::Wire;
 use crate::staying::Cell;
 
 /// A zero that an index behind a switch has given is off by no more, in mm.
@@ -23,6 +24,9 @@ impl Operator<'_> {
             Refused::NotReferenced => self.homes(),
             Refused::Running | Refused::Faulted => self.gives_up(),
             Refused::OutsideTravel => self.comes_inside(),
+            Refused::EmergencyStopOpen => self.closes(Wire::Chain),
+            Refused::DoorOpen => self.closes(Wire::Door),
+            Refused::SignalOff => self.closes(Wire::Air),
             Refused::InThread => self.demand("resume", |_| order(Order::Resume)).map(drop),
             other => {
                 let words = other.words();
@@ -31,6 +35,10 @@ impl Operator<'_> {
                 )))
             }
         }
+    }
+
+    fn closes(&mut self, wire: Wire) -> Done {
+        self.demand("signal", |_| wire.set(true)).map(drop)
     }
 
     pub(super) fn rests(&mut self) -> Done {
@@ -68,6 +76,10 @@ impl Operator<'_> {
             of.mode() != Mode::Jogging
         })?;
         let cell = &self.run.cell;
+        if cell.mode() == Mode::Tripped {
+            // What has come is seen only now; a trip that comes of nothing has been told.
+            return Err(Stop::Interrupted);
+        }
         let of_homing = [Cause::HomeSwitch, Cause::HomeIndex, Cause::HomeDrive];
         if cell.is_homed() && !of_homing.contains(&cell.cause()) {
             return self.has_its_zero();
