@@ -29,6 +29,8 @@ pub struct LiveSource {
     ports: Held<Ports>,
     paths: Paths,
     heard: Instant,
+    /// A feedback has come.
+    listens: bool,
     last: bool,
 }
 
@@ -45,6 +47,7 @@ impl LiveSource {
             machine,
             paths: Paths::default(),
             heard: Instant::now(),
+            listens: false,
             last: false,
         })
     }
@@ -89,7 +92,10 @@ impl LiveSource {
                 self.last = true;
                 self.cell.note_last();
             }
-            scope.take(Sample::Feedback(Box::new(feedback)));
+            // What is sent before the feedback of its scan may have been sent before anybody listened.
+            if std::mem::replace(&mut self.listens, true) {
+                scope.take(Sample::Feedback(Box::new(feedback)));
+            }
         }
         Ok(())
     }
