@@ -45,7 +45,7 @@ fn signals(out: &Path, machine: &Machine) -> Vec<(u64, BTreeMap<String, f64>)> {
     samples.filter_map(of_scan).collect()
 }
 
-/// Scans in which an axis is commanded to another place than in the scan before.
+/// Scans in which an axis is commanded to another place than in the scan before, or the spindle turns.
 fn moves(out: &Path) -> BTreeSet<u64> {
     let samples = Reader::open(&out.join("run.mcap")).expect("the log");
     let (mut before, mut moves) = (None, BTreeSet::new());
@@ -58,7 +58,9 @@ fn moves(out: &Path) -> BTreeSet<u64> {
             .iter()
             .map(|axis| axis.command_position)
             .collect();
-        if now.mode == Mode::Enabled as u32 && before.as_ref().is_some_and(|of| *of != places) {
+        let moved = before.as_ref().is_some_and(|of| *of != places);
+        let turns = now.auxiliary.spindle_rpm.abs() > 1.0;
+        if turns || now.mode == Mode::Enabled as u32 && moved {
             moves.insert(now.scan);
         }
         before = Some(places);
@@ -66,7 +68,7 @@ fn moves(out: &Path) -> BTreeSet<u64> {
     moves
 }
 
-/// No axis moves while the drawbar is open or the changer is at work, and no tool is changed but for one that is wanted.
+/// No axis moves and no spindle turns while the drawbar is open or the changer is at work, and no tool is changed but for one that is wanted.
 fn assert_interlocked(out: &Path, machine: &Machine, what: &str) {
     let moves = moves(out);
     assert!(moves.len() > 1000, "{what}");

@@ -198,7 +198,7 @@ fn is_whole(
         if short_mm * way.signum() > 0.0 {
             let (name, unit) = (&settings.name, client.unit(*axis));
             return Err(client.fails(&format!(
-                "the jog was cut short, by hold, stop, the end of the cell or another jog: {name} has gone {} of {} {unit}",
+                "the jog was cut short, by hold, stop, a door, the end of the cell or another jog: {name} has gone {} of {} {unit}",
                 rounded(way - short_mm),
                 rounded(*way),
             )));
