@@ -256,7 +256,7 @@ fn why_a_program_cannot_go_on_is_said_once_and_everywhere_and_reset_begins_it_an
         );
         assert!(status.contains("`quadrant reset`"), "{status}");
         let answer = obeyed(&cell, &["reset"]);
-        assert!(answer.contains("the program is loaded"), "{answer}");
+        assert!(answer.contains("`start` begins what is loaded"), "{answer}");
         // It stays so, whatever the planner has said of the run before.
         let scan = cell.wait_for(|_| true).scan;
         let now = cell.wait_for(|feedback| feedback.scan > scan + 100);

@@ -223,7 +223,7 @@ fn a_signal_that_keeps_its_value_goes_on_with_it_under_the_next_logic() {
     );
     let events = fs::read_to_string(run.out.join("events.jsonl")).expect("events");
     assert!(
-        events.contains("the machine's own logic was lost, 1 times in all"),
+        events.contains("the machine's own logic was lost"),
         "{events}"
     );
 }

@@ -78,15 +78,13 @@ pub fn waits_for(feedback: &Feedback, restart: &Restart) -> Option<Hint> {
         }
         Mode::Enabled if feedback.hold == 1 => {
             let held = Some(match HoldReason::from_wire(feedback.hold_reason) {
-                Some(HoldReason::Door) => "the machine is in hold: close the door",
+                Some(HoldReason::Door) => "the machine is in hold since a door was opened",
                 Some(HoldReason::Signal) => {
-                    "the machine is in hold: a signal that a program needs is off (`quadrant signal`)"
+                    "the machine is in hold since a signal that a program needs went off (`quadrant signal`)"
                 }
-                Some(HoldReason::Alarm) => {
-                    "the machine is in hold: see to the alarm (`quadrant alarms`)"
-                }
+                Some(HoldReason::Alarm) => "the machine is in hold by an alarm (`quadrant alarms`)",
                 Some(HoldReason::LogicLost) => {
-                    "the machine is in hold: its own logic did not answer"
+                    "the machine is in hold since its own logic did not answer"
                 }
                 _ => "the machine is in hold",
             });

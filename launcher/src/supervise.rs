@@ -321,7 +321,7 @@ impl<'a> Supervision<'a> {
         let (hold, losses) = (feedback.hold_reason, feedback.logic_losses);
         let (was, lost) = std::mem::replace(&mut self.held, (hold, losses));
         if losses > lost {
-            let text = format!("the machine's own logic was lost, {losses} times in all");
+            let text = "the machine's own logic was lost";
             self.events.note(feedback.scan, "logic-lost", text);
         }
         let why = |reason: u32| HoldReason::from_wire(reason).unwrap_or_default();
@@ -334,7 +334,7 @@ impl<'a> Supervision<'a> {
             (_, now) => {
                 let words = now.words().unwrap_or(match now {
                     HoldReason::Program => "the program waits for its operator",
-                    _ => "it was ordered",
+                    _ => "ordered, or drives are on again after a stop",
                 });
                 self.events.note(feedback.scan, "hold", words);
             }

@@ -120,7 +120,8 @@ pub fn run(options: &Options) -> Result<(), LogicError> {
             .iter()
             .map(|signal| signal.default)
             .collect(),
-        has_values: false,
+        // A machine without signals has nothing to wait for.
+        has_values: machine.signals.is_empty(),
         machine,
     };
     asked.start().map_err(LogicError::Program)?;

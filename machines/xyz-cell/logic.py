@@ -28,7 +28,11 @@ class Changer:
         # What was wanted when the change began: the program may be given up meanwhile, and another tool be wanted.
         taking = int(io["taking"])
         # Nothing moves but while the program waits for the change: not in hold, and not where nobody has asked for it.
-        moves = io["tool_change"]
+        given_up = step != IDLE and io.machine["program"] != "running"
+        moves = io["tool_change"] or given_up and io["finish_change"]
+        if given_up:
+            io.alarm(703)
+            io.inhibit()
         # The drawbar is open from the step in which it opens until the one in which it closes.
         if not moves:
             pass

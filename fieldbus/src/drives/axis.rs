@@ -214,7 +214,7 @@ impl DriveAxis {
             self.write_targets(own, position_mm, torque_nm, follows);
         });
         outputs(silent, &mut |own| {
-            let stops = if operates {
+            let stops = if operates || self.device == DeviceState::QuickStopActive {
                 QUICK_STOP
             } else {
                 controlword & 0x07

@@ -14,9 +14,11 @@ const STANDS_TURNS_S: f64 = 1.0 / 60.0;
 const ORIENTED_TURNS: f64 = 0.5 / 360.0;
 /// Of its ramp, what the way to an angle plans with: the rest makes up for the dead time of the drive.
 const ORIENTATION_RAMP_SHARE: f64 = 0.5;
+/// Its drive stays on for so long while it stands: a tap may follow.
+const STANDS_ON_S: f64 = 2.0;
 /// A fault is reset for so many scans after drives were to be switched on: more than two tries of the state walk.
 const RESET_SCANS: u32 = 120;
-/// Error code that is shown where the drive has none of its own, or does not answer.
+/// Error code that is shown where the drive has none of its own, goes off by itself, or does not answer.
 const NO_CODE: u32 = 0xFFFF;
 
 /// The spindle behind its drive. Places are in turns, clockwise positive.
@@ -29,6 +31,14 @@ pub(super) struct DrivenSpindle {
     levels: Levels,
     /// Speed that it is told, in turns/s.
     turns_s: f64,
+    /// Speed that its drive has shown last; one that answers no more may turn on.
+    shown_turns_s: f64,
+    /// Its drive was on, and is not any more though nobody has switched it off: it starts again by an order alone.
+    dropped: bool,
+    was_on: bool,
+    /// Scans that it has stood, and those after which its drive goes off.
+    stood_scans: u32,
+    stands_on_scans: u32,
     /// Most that this changes in a scan, in turns/s.
     step_turns_s: f64,
     ramp_turns_s2: f64,
@@ -63,6 +73,11 @@ impl DrivenSpindle {
             slave: setup.slave,
             levels: Levels::default(),
             turns_s: 0.0,
+            shown_turns_s: 0.0,
+            dropped: false,
+            was_on: false,
+            stood_scans: 0,
+            stands_on_scans: (STANDS_ON_S / scan_s) as u32,
             step_turns_s: ramp_turns_s2 * scan_s,
             ramp_turns_s2,
             gain_per_s: spindle.follow_gain_per_s,
@@ -81,24 +96,35 @@ impl DrivenSpindle {
 
     /// What its drive is told in this scan; `enables` where the drives of the axes are being switched on, which resets its fault too.
     pub fn command(&mut self, enables: bool) -> DriveCommand {
-        self.reset_scans = match enables {
-            true => RESET_SCANS,
-            false => self.reset_scans.saturating_sub(1),
+        let state = self.drive.shown.state;
+        self.reset_scans = match state {
+            DriveState::Fault { .. } if enables => RESET_SCANS,
+            DriveState::Fault { .. } => self.reset_scans.saturating_sub(1),
+            _ => 0,
         };
+        if !state.is_lost() {
+            self.shown_turns_s = self.drive.shown.velocity_mm_s;
+        }
         let wanted = SpindleCommand::from_wire(self.levels.spindle);
+        self.dropped |= self.was_on && state == DriveState::Off;
+        self.dropped &= wanted != SpindleCommand::Stop;
         if wanted != SpindleCommand::Orient {
             self.angle_turns = None;
         }
-        let command = match self.drive.shown.state {
+        let command = match state {
             DriveState::Ready => self.told(wanted),
-            DriveState::Off if wanted != SpindleCommand::Stop => DriveCommand::SwitchOn,
+            DriveState::Off if wanted != SpindleCommand::Stop && !self.dropped => {
+                DriveCommand::SwitchOn
+            }
             DriveState::Fault { .. } if self.reset_scans > 0 => DriveCommand::SwitchOn,
             DriveState::Off | DriveState::Fault { .. } | DriveState::Lost { .. } => {
                 DriveCommand::Disabled
             }
         };
-        if !matches!(command, DriveCommand::Velocity { .. }) {
-            self.turns_s = 0.0;
+        self.was_on = matches!(command, DriveCommand::Velocity { .. });
+        if !self.was_on {
+            // One that turns is taken from the speed that it has.
+            self.turns_s = self.drive.shown.velocity_mm_s;
             self.angle_turns = None;
         }
         self.driven = command != DriveCommand::Disabled;
@@ -107,6 +133,11 @@ impl DrivenSpindle {
 
     /// The speed of this scan; none once it is to stand and does.
     fn told(&mut self, wanted: SpindleCommand) -> DriveCommand {
+        let rests = wanted == SpindleCommand::Stop && self.turns_s == 0.0 && self.stands();
+        self.stood_scans = match rests && self.was_on {
+            true => self.stood_scans.saturating_add(1),
+            false => 0,
+        };
         let rpm = self.levels.spindle_rpm;
         match wanted {
             // The ramp is in what the follower asks for.
@@ -116,7 +147,8 @@ impl DrivenSpindle {
                 let turns_s = self.towards_angle();
                 self.ramp_to(turns_s);
             }
-            SpindleCommand::Stop if self.turns_s == 0.0 && self.stands() => {
+            SpindleCommand::Stop if rests && !self.was_on => return DriveCommand::Disabled,
+            SpindleCommand::Stop if self.stood_scans > self.stands_on_scans => {
                 return DriveCommand::Disabled;
             }
             SpindleCommand::Stop => self.ramp_to(0.0),
@@ -174,13 +206,17 @@ impl DrivenSpindle {
     pub fn feedback(&self) -> AuxiliaryFeedback {
         let shown = &self.drive.shown;
         AuxiliaryFeedback {
-            spindle_rpm: shown.velocity_mm_s * 60.0,
+            spindle_rpm: match shown.state.is_lost() {
+                true => self.shown_turns_s * 60.0,
+                false => shown.velocity_mm_s * 60.0,
+            },
             spindle_turns: match self.has_encoder {
                 true => shown.motor_position_mm,
                 false => 0.0,
             },
             oriented: self.is_oriented(),
             spindle_code: match shown.state {
+                DriveState::Off if self.dropped => NO_CODE,
                 DriveState::Ready | DriveState::Off => 0,
                 DriveState::Fault { code: 0 } | DriveState::Lost { .. } => NO_CODE,
                 DriveState::Fault { code } => code,

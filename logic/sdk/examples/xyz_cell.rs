@@ -67,7 +67,12 @@ impl Changer {
         let taking = number(io, "taking");
         self.count_places(io);
         // Nothing moves but while the program waits for the change: not in hold, and not where nobody has asked for it.
-        let moves = io.is_on("tool_change");
+        let given_up = before != Step::Idle && io.machine().program != "running";
+        let moves = io.is_on("tool_change") || given_up && io.is_on("finish_change");
+        if given_up {
+            io.alarm(703);
+            io.inhibit();
+        }
         let step = match before {
             same if !moves => same,
             Step::Idle if wanted != tool && wanted <= PLACES => {

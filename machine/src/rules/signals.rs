@@ -86,6 +86,10 @@ fn one(rules: &mut Rules<'_>, machine: &Machine, index: usize) {
     } else if before.iter().any(|other| other.name == signal.name) {
         say("name", &format!("= {:?}: is there twice", signal.name));
     }
+    if signal.keeps && signal.inverted {
+        let what = "= true: one that keeps its value is not inverted besides: say it the other way round where it is set";
+        say("inverted", what);
+    }
     for (key, value) in [("default", Some(signal.default)), ("lost", signal.lost)] {
         if let Some(value) = value.filter(|value| !signal.kind.can_show(*value)) {
             let kind = signal.kind.word();

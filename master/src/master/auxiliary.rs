@@ -138,6 +138,8 @@ pub(super) struct Auxiliary {
     changed: bool,
     /// The machine's own logic, without which nothing may move, does not answer.
     pub awaits_logic: bool,
+    /// The machine is held: a changer that rests meanwhile is not late.
+    held: bool,
 }
 
 impl Auxiliary {
@@ -181,6 +183,7 @@ impl Auxiliary {
             messages_after: 0,
             changed: false,
             awaits_logic: false,
+            held: false,
         }
     }
 
@@ -614,7 +617,9 @@ impl Auxiliary {
     /// Waits one scan more; the cause of a trip once it has lasted too long.
     fn wait(&mut self, for_what: Waiting) -> Cause {
         self.waiting = for_what;
-        self.waited_scans = self.waited_scans.saturating_add(1);
+        if !(self.held && for_what == Waiting::ToolChange) {
+            self.waited_scans = self.waited_scans.saturating_add(1);
+        }
         let (patience, cause) = match for_what {
             Waiting::ToolChange => (self.change_patience_scans, Cause::ToolChange),
             Waiting::MachineCode => (self.machine_codes.patience_scans(), Cause::MachineCode),
@@ -632,6 +637,7 @@ impl Auxiliary {
     /// Whether spindle and coolant act in this mode; a spindle that was stopped in the middle of a program comes back first. What was
     /// switched on by typed-in blocks goes on behind them, until the machine is stopped, trips or is switched off.
     fn release(&mut self, mode: Mode, hold: bool, program: &Loaded) {
+        self.held = hold;
         match mode {
             Mode::Enabled if !hold => {
                 self.comes_back |= !self.released && self.turns();

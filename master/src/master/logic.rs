@@ -24,6 +24,8 @@ pub(super) struct LogicOfMachine {
     answers: bool,
     /// Scans in which it may begin to answer, from the first scan of this master on.
     begins_scans: u64,
+    /// It has answered under this master.
+    has_answered: bool,
     /// Times that it was lost.
     losses: u32,
     /// It has asked for a stop in the scan before.
@@ -40,6 +42,7 @@ impl LogicOfMachine {
             said: Box::new(LogicAnswer::zeroed()),
             answers: false,
             begins_scans: libm::ceil(BEGINS_S / machine.scan_period_s()) as u64,
+            has_answered: false,
             losses: 0,
             stopped: false,
         })
@@ -63,7 +66,8 @@ impl LogicOfMachine {
         );
         // One that never begins to answer is lost too.
         self.begins_scans = self.begins_scans.saturating_sub(1);
-        let never_began = self.begins_scans == 1 && self.said.scan == 0;
+        self.has_answered |= self.answers;
+        let never_began = self.begins_scans == 1 && !self.has_answered;
         let is_lost = !self.answers && (before || never_began);
         self.losses += u32::from(is_lost);
         is_lost
@@ -134,7 +138,9 @@ impl<D: Drives> Master<D> {
         } else if driven && trips {
             self.trip(Cause::LogicTrip, u32::MAX);
         }
-        self.auxiliary.awaits_logic = !answers && on_loss != OnLogicLoss::GoOn;
+        // A thread is cut to its end, as in feed hold.
+        let coupled = self.auxiliary.is_coupled();
+        self.auxiliary.awaits_logic = !answers && on_loss != OnLogicLoss::GoOn && !coupled;
         let reason = match holds {
             true => HoldReason::Logic,
             false => HoldReason::LogicLost,

@@ -248,10 +248,10 @@ impl Modes {
     /// Drives are on again for the program that was started, in hold or not.
     pub fn go_on(&mut self, hold: bool) {
         self.mode = Mode::Enabled;
-        self.hold = match hold {
-            true => HoldReason::Order,
-            false => HoldReason::None,
-        };
+        match hold {
+            true => self.hold(HoldReason::Order),
+            false => self.release(),
+        }
     }
 
     /// Drives go off as ordered; the run goes on.

@@ -55,14 +55,17 @@ fn of(model: &Model) -> CellState {
     let mut axes = axes(model);
     let readout = dro::of(model, &mut axes);
     let mut says = model.says();
+    if let Some(why) = blocks(model) {
+        // No axis may be moved before.
+        let then = says.next.split("; an axis may be moved").next();
+        says.next = format!(
+            "{why}: first see to that; then {}",
+            then.unwrap_or_default()
+        );
+    }
     if let Some(scarce) = &model.scarce {
         // First, so that a narrow terminal does not cut it off.
         says.next = format!("{scarce}; {}", says.next);
-    }
-    if let Some(why) = blocks(model) {
-        // What can be done beside it cannot be done before.
-        let then = says.next.split(';').next().unwrap_or_default();
-        says.next = format!("{why}: first see to that; then {then}");
     }
     let mut state = CellState {
         cell: model.cell.clone(),
