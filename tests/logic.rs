@@ -1,14 +1,17 @@
 //! The machine's own logic as a process of the cell: asked, killed, hung, wrong, and always safe.
 
+use std::collections::BTreeSet;
 use std::fs;
 use std::path::Path;
 
 use bus::sample::{Cause, Mode};
+use machine::Machine;
 use monitor::log::{Reader, Sample};
 use serde_json::Value;
 
 use crate::support::{Bench, LiveCell, has_python, run_with};
 use crate::up::{obeyed, refused};
+use crate::whole_machine::{moves, signals};
 
 /// A chuck that a button opens as long as nothing turns, a lamp, and a pump that is to be off when nobody says otherwise.
 const SIGNALS: &str = r#"
@@ -373,5 +376,81 @@ fn m_codes_of_the_machine_are_refused_where_they_mean_nothing() {
         let run = run_with(bench.path(), &program, &[]);
         assert_eq!(run.status(), 2, "{block}: {}", run.stderr());
         assert!(run.stderr().contains(right), "{block}: {}", run.stderr());
+    }
+}
+
+/// What it remembers outlives it: a logic that says nothing when it is started again finds what it has said before.
+#[test]
+fn a_signal_that_keeps_its_value_goes_on_with_it_under_the_next_logic() {
+    if !has_python() {
+        return;
+    }
+    let signals_of_it = "on_loss = \"go-on\"\n\
+        [[signal]]\nname = \"kept\"\nkind = \"int\"\nkeeps = true\nfrom = { by = \"logic\" }\n\
+        [[signal]]\nname = \"plain\"\nkind = \"int\"\nfrom = { by = \"logic\" }\n\
+        [[signal]]\nname = \"seen\"\nkind = \"int\"\nfrom = { by = \"logic\" }";
+    // It says each once in its life, and from its second start on shows what it finds.
+    let once = "import quadrant_logic\n\
+        def update(io):\n\
+        \x20   if io.machine['scan'] < 500 and io['kept'] == 0:\n\
+        \x20       io['kept'] = 7\n\
+        \x20       io['plain'] = 5\n\
+        \x20   if io.machine['scan'] > 1000:\n\
+        \x20       io['seen'] = io['kept']\n\
+        quadrant_logic.run(update)\n";
+    let bench = machine(once, signals_of_it);
+    let program = bench.file("p.ngc", "G21 G90\nG1 X20 F600\nM2\n");
+    let faults = "[[fault]]\nat = { scan = 700 }\nprocess = \"logic\"\ndo = \"kill\"\nrestart_after_scans = 100\n";
+    let faults = bench.file("faults.toml", faults).display().to_string();
+    let run = run_with(bench.path(), program, &["--faults", &faults]);
+    assert_eq!(run.status(), 0, "{}", run.stderr());
+    let loaded = Machine::load(bench.path()).expect("the machine");
+    let course = signals(&run.out, &loaded);
+    let at = |name: &str, scan: u64| {
+        let found = course.iter().find(|(at, _)| *at == scan);
+        found.expect("a scan").1[name]
+    };
+    let kept: BTreeSet<u64> = course
+        .iter()
+        .skip(20)
+        .map(|(_, now)| now["kept"] as u64)
+        .collect();
+    assert_eq!(kept, BTreeSet::from([7]));
+    assert_eq!(
+        (at("plain", 600), at("plain", 900), at("seen", 1500)),
+        (5.0, 0.0, 7.0)
+    );
+    let events = fs::read_to_string(run.out.join("events.jsonl")).expect("events");
+    assert!(
+        events.contains("the machine's own logic was lost"),
+        "{events}"
+    );
+}
+
+/// One that never answers holds the program, trips the machine or lets it go on, as the machine file says.
+#[test]
+fn a_logic_that_never_answers_is_lost_from_the_start() {
+    if !has_python() {
+        return;
+    }
+    let program = "G21 G90\nG1 X20 F6000\nM2\n";
+    for (on_loss, moved) in [("hold", false), ("trip", false), ("go-on", true)] {
+        let broken = "import quadrant_logic\nquadrant_logic.run(lambda io: io['no such signal'])\n";
+        let bench = machine(broken, &format!("on_loss = \"{on_loss}\""));
+        let program = bench.file("p.ngc", program);
+        let stop = bench.file("stop.toml", "[[order]]\nscan = 6000\norder = \"stop\"\n");
+        let stop = stop.display().to_string();
+        let run = run_with(bench.path(), program, &["--orders", &stop]);
+        // What was planned before its first answer is late comes to rest within a window.
+        let moves = moves(&run.out).len();
+        assert_eq!(moves > 200, moved, "{on_loss}: {moves} {}", run.stderr());
+        assert_eq!(run.status() == 0, moved, "{on_loss}: {}", run.stderr());
+        let events = fs::read_to_string(run.out.join("events.jsonl")).expect("events");
+        assert!(
+            events.contains("logic-lost") || moved,
+            "{on_loss}: {events}"
+        );
+        let holds = events.contains("the machine's own logic did not answer");
+        assert_eq!(holds, on_loss == "hold", "{on_loss}: {events}");
     }
 }

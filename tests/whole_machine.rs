@@ -30,7 +30,7 @@ fn part() -> PathBuf {
 }
 
 /// The signals of each scan, by name.
-fn signals(out: &Path, machine: &Machine) -> Vec<(u64, BTreeMap<String, f64>)> {
+pub fn signals(out: &Path, machine: &Machine) -> Vec<(u64, BTreeMap<String, f64>)> {
     let samples = Reader::open(&out.join("run.mcap")).expect("the log");
     let of_scan = |sample| match sample {
         Ok(Sample::Signals(signals)) => {
@@ -46,7 +46,7 @@ fn signals(out: &Path, machine: &Machine) -> Vec<(u64, BTreeMap<String, f64>)> {
 }
 
 /// Scans in which an axis is commanded to another place than in the scan before, or the spindle turns.
-fn moves(out: &Path) -> BTreeSet<u64> {
+pub fn moves(out: &Path) -> BTreeSet<u64> {
     let samples = Reader::open(&out.join("run.mcap")).expect("the log");
     let (mut before, mut moves) = (None, BTreeSet::new());
     for sample in samples {
@@ -173,93 +173,5 @@ fn logic_that_is_killed_at_any_instant_leaves_no_output_on_and_the_part_is_made(
             let on: Vec<_> = outputs.iter().filter(|name| now[**name] != 0.0).collect();
             assert!(on.is_empty(), "killed in scan {scan}, in scan {at}: {on:?}");
         }
-    }
-}
-
-/// What it remembers outlives it: a logic that says nothing when it is started again finds what it has said before.
-#[test]
-fn a_signal_that_keeps_its_value_goes_on_with_it_under_the_next_logic() {
-    if !has_python() {
-        return;
-    }
-    let bench = Bench::of("xy", &[]);
-    let file = bench.path().join("machine.toml");
-    let text = fs::read_to_string(&file).expect("machine.toml");
-    let logic = "\n[logic]\ncommand = [\"python3\", \"./once.py\"]\non_loss = \"go-on\"\n\
-        [[signal]]\nname = \"kept\"\nkind = \"int\"\nkeeps = true\nfrom = { by = \"logic\" }\n\
-        [[signal]]\nname = \"plain\"\nkind = \"int\"\nfrom = { by = \"logic\" }\n\
-        [[signal]]\nname = \"seen\"\nkind = \"int\"\nfrom = { by = \"logic\" }\n";
-    bench.file("machine.toml", &(text + logic));
-    // It says each once in its life, and from its second start on shows what it finds.
-    let once = "import quadrant_logic\n\
-        def update(io):\n\
-        \x20   if io.machine['scan'] < 500 and io['kept'] == 0:\n\
-        \x20       io['kept'] = 7\n\
-        \x20       io['plain'] = 5\n\
-        \x20   if io.machine['scan'] > 1000:\n\
-        \x20       io['seen'] = io['kept']\n\
-        quadrant_logic.run(update)\n";
-    bench.file("once.py", once);
-    let program = bench.file("p.ngc", "G21 G90\nG1 X20 F600\nM2\n");
-    let faults = "[[fault]]\nat = { scan = 700 }\nprocess = \"logic\"\ndo = \"kill\"\nrestart_after_scans = 100\n";
-    let faults = bench.file("faults.toml", faults).display().to_string();
-    let run = run_with(bench.path(), program, &["--faults", &faults]);
-    assert_eq!(run.status(), 0, "{}", run.stderr());
-    let loaded = Machine::load(bench.path()).expect("the machine");
-    let course = signals(&run.out, &loaded);
-    let at = |name: &str, scan: u64| {
-        let found = course.iter().find(|(at, _)| *at == scan);
-        found.expect("a scan").1[name]
-    };
-    let kept: BTreeSet<u64> = course
-        .iter()
-        .skip(20)
-        .map(|(_, now)| now["kept"] as u64)
-        .collect();
-    assert_eq!(kept, BTreeSet::from([7]));
-    assert_eq!(
-        (at("plain", 600), at("plain", 900), at("seen", 1500)),
-        (5.0, 0.0, 7.0)
-    );
-    let events = fs::read_to_string(run.out.join("events.jsonl")).expect("events");
-    assert!(
-        events.contains("the machine's own logic was lost"),
-        "{events}"
-    );
-}
-
-/// One that never answers holds the program, trips the machine or lets it go on, as the machine file says.
-#[test]
-fn a_logic_that_never_answers_is_lost_from_the_start() {
-    if !has_python() {
-        return;
-    }
-    let program = "G21 G90\nG1 X20 F6000\nM2\n";
-    for (on_loss, moved) in [("hold", false), ("trip", false), ("go-on", true)] {
-        let bench = Bench::of("xy", &[]);
-        let file = bench.path().join("machine.toml");
-        let text = fs::read_to_string(&file).expect("machine.toml");
-        let logic = format!(
-            "\n[logic]\ncommand = [\"python3\", \"./broken.py\"]\non_loss = \"{on_loss}\"\n\
-             [[signal]]\nname = \"lamp\"\nfrom = {{ by = \"logic\" }}\n"
-        );
-        bench.file("machine.toml", &(text + &logic));
-        let broken = "import quadrant_logic\nquadrant_logic.run(lambda io: io['no such signal'])\n";
-        bench.file("broken.py", broken);
-        let program = bench.file("p.ngc", program);
-        let stop = bench.file("stop.toml", "[[order]]\nscan = 6000\norder = \"stop\"\n");
-        let stop = stop.display().to_string();
-        let run = run_with(bench.path(), program, &["--orders", &stop]);
-        // What was planned before its first answer is late comes to rest within a window.
-        let moves = moves(&run.out).len();
-        assert_eq!(moves > 200, moved, "{on_loss}: {moves} {}", run.stderr());
-        assert_eq!(run.status() == 0, moved, "{on_loss}: {}", run.stderr());
-        let events = fs::read_to_string(run.out.join("events.jsonl")).expect("events");
-        assert!(
-            events.contains("logic-lost") || moved,
-            "{on_loss}: {events}"
-        );
-        let holds = events.contains("the machine's own logic did not answer");
-        assert_eq!(holds, on_loss == "hold", "{on_loss}: {events}");
     }
 }

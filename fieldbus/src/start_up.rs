@@ -72,7 +72,7 @@ const TERMINAL_FILE: FileWords = FileWords {
 pub struct SegmentPlan {
     /// The fieldbus.
     pub bus: Fieldbus,
-    /// The drives, by axis, and behind them that of the spindle.
+    /// Drives in the order of the axes; the spindle's drive is the last one.
     pub drives: Vec<DriveSetup>,
     /// The terminals.
     pub terminals: Vec<TerminalSetup>,
@@ -86,8 +86,8 @@ pub struct SegmentPlan {
 
 impl SegmentPlan {
     /// The drive at a place on the cable.
-    pub fn drive_at(&self, slave: usize) -> Option<usize> {
-        self.drives.iter().position(|drive| drive.slave == slave)
+    pub fn drive_at(&self, slave: usize) -> Option<&DriveSetup> {
+        self.drives.iter().find(|drive| drive.slave == slave)
     }
 
     /// Whether watchdogs are to be off.
@@ -118,9 +118,10 @@ impl SegmentPlan {
 
     /// A slave as messages name it.
     pub fn name(&self, slave: usize) -> String {
-        let moved = self.drive_at(slave).and_then(|at| self.moved.get(at));
-        match (moved, self.terminal_at(slave)) {
-            (Some(moved), _) => format!("{moved} (place {slave} on the cable)"),
+        let mut drives = self.drives.iter().zip(&self.moved);
+        let drive = drives.find(|(drive, _)| drive.slave == slave);
+        match (drive, self.terminal_at(slave)) {
+            (Some((_, moved)), _) => format!("{moved} (place {slave} on the cable)"),
             (None, Some(_)) => format!("terminal {slave} (place {slave} on the cable)"),
             (None, None) => format!("place {slave} on the cable"),
         }

@@ -16,7 +16,7 @@ use tempfile::TempDir;
 
 const AXES: u16 = 3;
 const AXIS_BYTES: (u16, u16) = (20, 26);
-/// Where the spindle's process data lie behind those of the axes, and their bytes: room for all modes.
+/// Bytes of the spindle's process data, out and in: enough for each mode.
 const OUT_BYTES: u16 = 8;
 const IN_BYTES: u16 = 14;
 /// Increments of its encoder in a turn of the motor, and what a target of 60FF at 60 rev/min is.
@@ -212,6 +212,13 @@ impl Wire for Segment {
     fn pause(&self) {}
 }
 
+fn drives(folder: &TempDir, segment: Segment) -> Cia402Drives<Segment> {
+    let machine = Machine::load(folder.path()).expect("machine.toml");
+    let setups = setups::load(&machine, &folder.path().join("machine.toml"));
+    let setups = setups.expect("drive files").expect("[bus]");
+    Cia402Drives::new(&machine, &setups, segment).expect("drives")
+}
+
 struct Bench {
     drives: Cia402Drives<Segment>,
     spindle: Rc<RefCell<Spindle>>,
@@ -221,12 +228,9 @@ struct Bench {
 impl Bench {
     fn new(told: Told, encoder: u32, of_bus: &str) -> Bench {
         let folder = folder(told, encoder, of_bus);
-        let machine = Machine::load(folder.path()).expect("machine.toml");
-        let setups = setups::load(&machine, &folder.path().join("machine.toml"));
-        let setups = setups.expect("drive files").expect("[bus]");
         let segment = Segment::new(told);
         let spindle = segment.spindle.clone();
-        let drives = Cia402Drives::new(&machine, &setups, segment).expect("drives");
+        let drives = drives(&folder, segment);
         Bench {
             drives,
             spindle,
@@ -413,14 +417,11 @@ fn a_new_master_finds_its_angle_as_the_one_before_left_it() {
     bench.drives.save(&mut state);
     let before = bench.drives.auxiliary().spindle_turns;
     let folder = folder(CSV, 65_536, "");
-    let machine = Machine::load(folder.path()).expect("machine.toml");
-    let setups = setups::load(&machine, &folder.path().join("machine.toml"));
-    let setups = setups.expect("drive files").expect("[bus]");
     let segment = Segment {
         spindle: bench.spindle.clone(),
         ..Segment::new(CSV)
     };
-    let mut next = Cia402Drives::new(&machine, &setups, segment).expect("drives");
+    let mut next = drives(&folder, segment);
     next.restore(&state).expect("a saved state");
     let after = next.auxiliary().spindle_turns;
     let truly = bench.spindle.borrow().turns;

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use bus::sample::{
     AxisCommand, Cause, Feedback, Job, Mode, OperatorRequest, OperatorResponse, Order,
-    PlannerStatus, Reference, Refused, Roster,
+    PlannerStatus, ProgramState, Reference, Refused, Roster,
 };
 use bytemuck::Zeroable;
 use machine::{Machine, Process};
@@ -160,6 +160,28 @@ impl Cell {
             value: f64::from(self.lay(text)),
             ..OperatorRequest::default()
         }
+    }
+
+    /// Loads a program and starts it.
+    ///
+    /// # Panics
+    /// The machine refuses it.
+    pub fn load_and_start(&mut self, text: &str) {
+        let load = self.load_of(text);
+        assert_eq!(self.ask(&load).reason, Refused::Not as u32);
+        assert!(self.until(500, |of| of.now.program == ProgramState::Loaded as u32));
+        let start = OperatorRequest {
+            order: Order::Start as u32,
+            session: self.now.load,
+            ..OperatorRequest::default()
+        };
+        let reason = self.ask(&start).reason;
+        assert_eq!(
+            reason,
+            Refused::Not as u32,
+            "{:?}",
+            Refused::from_wire(reason)
+        );
     }
 
     /// The order to run typed-in blocks, which are laid, as is the program that is loaded before them.

@@ -1,6 +1,6 @@
 //! Machines that cells in one process are made of.
 
-use machine::{Machine, Spindle, ToolChange, ToolChanger};
+use machine::{Machine, Signal, SignalKind, SignalSource, Spindle, ToolChange, ToolChanger};
 use plant_sim::plant_file::{PlantFile, PlantPlane, PlantProbe, PlantSpindle, PlantToolChanger};
 use tune::options::NewMachineOptions;
 
@@ -53,6 +53,21 @@ pub fn homed_machine(motors: u32, standby: bool) -> (Machine, PlantFile) {
         switch.at_mm = SWITCHES_MM[index];
     }
     (machine, plant)
+}
+
+/// A switch, on until its source says something else.
+pub fn switch(name: &str, from: SignalSource) -> Signal {
+    Signal {
+        name: name.into(),
+        kind: SignalKind::Bool,
+        unit: String::new(),
+        default: 1.0,
+        lost: None,
+        keeps: false,
+        inverted: false,
+        from,
+        to: None,
+    }
 }
 
 /// Gives a machine a spindle and a tool changer.

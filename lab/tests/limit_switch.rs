@@ -1,9 +1,10 @@
 //! A limit switch that is hit at any speed up to rapid: the axis rests within its braking distance, and afterwards nothing moves it but
 //! the way off the switch.
 
-use bus::sample::{Cause, Mode, OperatorRequest, Order, ProgramState, Refused};
+use bus::sample::{Cause, Mode, OperatorRequest, Order, Refused};
 use lab::staying::Cell;
-use machine::{LimitSwitches, Signal, SignalKind, SignalSource};
+use lab::stock::switch;
+use machine::{LimitSwitches, SignalSource};
 use master::Drives;
 use plant_sim::plant_file::PlantContact;
 use plant_sim::script::rng::Rng;
@@ -23,21 +24,12 @@ const SWING_MM: f64 = 0.05;
 fn cell(name: &str, axis: usize, outwards: f64, switch_mm: f64, start_mm: f64) -> Cell {
     let (mut machine, mut plant) = load(name);
     let letter = machine.axes[axis].name.clone();
-    machine.signals.push(Signal {
-        name: "end".into(),
-        kind: SignalKind::Bool,
-        unit: String::new(),
-        default: 1.0,
-        lost: None,
-        keeps: false,
-        inverted: false,
-        from: SignalSource {
-            drive: Some(letter.clone()),
-            bit: Some(0),
-            ..SignalSource::default()
-        },
-        to: None,
-    });
+    let from = SignalSource {
+        drive: Some(letter.clone()),
+        bit: Some(0),
+        ..SignalSource::default()
+    };
+    machine.signals.push(switch("end", from));
     let end = Some("end".to_string());
     machine.axes[axis].limit_switches = Some(match outwards > 0.0 {
         true => LimitSwitches {
@@ -86,15 +78,7 @@ fn hit(cell: &mut Cell, axis: usize, outwards: f64, switch_mm: f64) -> (f64, f64
         false => axis_of.travel_min_mm,
     };
     let text = format!("G21 G90 G53 G0 {letter}{end_mm}\nM2\n");
-    let program = cell.load_of(&text);
-    assert_eq!(cell.ask(&program).reason, Refused::Not as u32);
-    assert!(cell.until(500, |of| of.now.program == ProgramState::Loaded as u32));
-    let start = OperatorRequest {
-        order: Order::Start as u32,
-        session: cell.now.load,
-        ..OperatorRequest::default()
-    };
-    assert_eq!(cell.ask(&start).reason, Refused::Not as u32);
+    cell.load_and_start(&text);
     let beyond = |cell: &Cell| (seen(cell, axis).0 - switch_mm) * outwards;
     assert!(cell.until(20_000, |of| beyond(of) >= 0.0), "it gets there");
     // One that speeds up there gets faster until the switch has been seen.

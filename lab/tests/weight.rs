@@ -3,7 +3,7 @@
 
 use std::fmt::Write;
 
-use bus::sample::{Job, Mode, OperatorRequest, Order, ProgramState, Refused};
+use bus::sample::{Job, Mode, Order, ProgramState, Refused};
 use lab::staying::Cell;
 use machine::{BrakeBy, DriveMode, Machine};
 use master::Drives;
@@ -272,24 +272,6 @@ fn program(rng: &mut Rng) -> String {
     text + "M2\n"
 }
 
-fn start(cell: &mut Cell, text: &str) {
-    let load = cell.load_of(text);
-    assert_eq!(cell.ask(&load).reason, Refused::Not as u32);
-    assert!(cell.until(500, |of| of.now.program == ProgramState::Loaded as u32));
-    let start = OperatorRequest {
-        order: Order::Start as u32,
-        session: cell.now.load,
-        ..OperatorRequest::default()
-    };
-    let reason = cell.ask(&start).reason;
-    assert_eq!(
-        reason,
-        Refused::Not as u32,
-        "{:?}",
-        Refused::from_wire(reason)
-    );
-}
-
 #[test]
 fn at_every_instant_of_random_programs_it_drops_no_further_than_the_brake_allows() {
     let mut tally = Tally::default();
@@ -303,7 +285,7 @@ fn at_every_instant_of_random_programs_it_drops_no_further_than_the_brake_allows
         cell.ready();
         let physics = Physics::of(&cell);
         let text = program(&mut rng);
-        start(&mut cell, &text);
+        cell.load_and_start(&text);
         let mut scan = 0;
         while cell.now.program != ProgramState::Done as u32 {
             cell.scan();

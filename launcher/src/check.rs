@@ -314,8 +314,7 @@ impl Checked {
 /// The file of the machine's own logic that is not there, in words.
 fn logic_that_is_missing(machine: &Machine, machine_file: &Path) -> Option<String> {
     let logic = machine.logic.as_ref()?;
-    let beside = machine_file.parent().unwrap_or(Path::new(""));
-    let folder = beside.join(&logic.folder);
+    let folder = machine.logic_folder(machine_file)?;
     let names_file = |(index, word): &(usize, &String)| {
         *index == 0 && word.contains('/') || word.starts_with("./") || word.starts_with("../")
     };

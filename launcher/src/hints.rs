@@ -9,6 +9,8 @@ use machine::{AfterLoss, Restart};
 pub struct Hint {
     /// How the machine stands, where that alone does not show.
     state: Option<&'static str>,
+    /// Why it does.
+    why: Option<&'static str>,
     /// One after the other.
     pub orders: &'static [Order],
     /// What follows.
@@ -25,6 +27,7 @@ fn hint(
 ) -> Option<Hint> {
     Some(Hint {
         state,
+        why: None,
         orders,
         then,
     })
@@ -34,9 +37,12 @@ impl Hint {
     /// For people; `ends` where the cell is a run that Ctrl-C ends.
     pub fn words(&self, cell: &str, ends: bool) -> String {
         let command = |order: &Order| format!("`quadrant {} --cell {cell}`", order.word());
+        let why = self
+            .why
+            .map_or(String::new(), |why| format!(" since {why}"));
         let mut words = self
             .state
-            .map_or(String::new(), |state| format!("{state}: "));
+            .map_or(String::new(), |state| format!("{state}{why}: "));
         words += &joined(self.orders.iter().map(command), ", then ");
         if let Some(then) = self.then {
             words += " ";
@@ -77,18 +83,17 @@ pub fn waits_for(feedback: &Feedback, restart: &Restart) -> Option<Hint> {
             hint(homed_first, orders, Some("begins the program"))
         }
         Mode::Enabled if feedback.hold == 1 => {
-            let held = Some(match HoldReason::from_wire(feedback.hold_reason) {
-                Some(HoldReason::Door) => "the machine is in hold since a door was opened",
-                Some(HoldReason::Signal) => {
-                    "the machine is in hold since a signal that a program needs went off (`quadrant signal`)"
-                }
-                Some(HoldReason::Alarm) => "the machine is in hold by an alarm (`quadrant alarms`)",
-                Some(HoldReason::LogicLost) => {
-                    "the machine is in hold since its own logic did not answer"
-                }
+            let reason = HoldReason::from_wire(feedback.hold_reason).unwrap_or_default();
+            let held = match reason {
+                HoldReason::Signal => "the machine is in hold (`quadrant signal`)",
+                HoldReason::Alarm => "the machine is in hold (`quadrant alarms`)",
                 _ => "the machine is in hold",
-            });
-            hint(held, &[Order::Resume], Some("goes on"))
+            };
+            let resume = hint(Some(held), &[Order::Resume], Some("goes on"))?;
+            Some(Hint {
+                why: reason.words(),
+                ..resume
+            })
         }
         _ => None,
     }

@@ -152,8 +152,10 @@ struct Supervision<'a> {
     newest: Option<Feedback>,
     messages: Option<MessageReader>,
     standby_alarm: StandbyAlarm,
-    /// Reason of the hold and losses of the logic, as they were noted last.
-    held: (u32, u32),
+    /// Reason of the hold, as it was noted last.
+    held: HoldReason,
+    /// Losses of the logic that were noted.
+    logic_losses: u32,
     tripped: bool,
     deaths: Vec<Death>,
     /// Why the run cannot go on, if so.
@@ -222,7 +224,8 @@ impl<'a> Supervision<'a> {
             newest: None,
             messages,
             standby_alarm: StandbyAlarm::default(),
-            held: (0, 0),
+            held: HoldReason::None,
+            logic_losses: 0,
             tripped: false,
             deaths: Vec::new(),
             ends: None,
@@ -318,27 +321,22 @@ impl<'a> Supervision<'a> {
         let Some(feedback) = &self.newest else {
             return;
         };
-        let (hold, losses) = (feedback.hold_reason, feedback.logic_losses);
-        let (was, lost) = std::mem::replace(&mut self.held, (hold, losses));
-        if losses > lost {
+        let losses = std::mem::replace(&mut self.logic_losses, feedback.logic_losses);
+        if feedback.logic_losses > losses {
             let text = "the machine's own logic was lost";
             self.events.note(feedback.scan, "logic-lost", text);
         }
-        let why = |reason: u32| HoldReason::from_wire(reason).unwrap_or_default();
-        match (why(was), why(hold)) {
-            (was, now) if was == now => {}
-            (_, HoldReason::None) => {
-                self.events
-                    .note(feedback.scan, "hold-over", "the hold is over")
-            }
-            (_, now) => {
-                let words = now.words().unwrap_or(match now {
-                    HoldReason::Program => "the program waits for its operator",
-                    _ => "ordered, or drives are on again after a stop",
-                });
-                self.events.note(feedback.scan, "hold", words);
-            }
+        let now = HoldReason::from_wire(feedback.hold_reason).unwrap_or_default();
+        if std::mem::replace(&mut self.held, now) == now {
+            return;
         }
+        let (event, words) = match now {
+            HoldReason::None => ("hold-over", "the hold is over"),
+            HoldReason::Program => ("hold", "the program waits for its operator"),
+            HoldReason::Order => ("hold", "ordered, or drives are on again after a stop"),
+            reason => ("hold", reason.words().unwrap_or_default()),
+        };
+        self.events.note(feedback.scan, event, words);
     }
 
     /// Says which axes have been without their standby for too long.

@@ -3,7 +3,7 @@
 
 mod program;
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Duration;
 
 use bus::cell::{CellError, CellPaths};
@@ -76,9 +76,8 @@ struct Asked {
     given_up: bool,
     /// What is published of it.
     said: LogicAnswer,
-    values: Vec<f64>,
-    /// They are what signals show.
-    has_values: bool,
+    /// What signals show; none before they show anything.
+    values: Option<Vec<f64>>,
 }
 
 /// Asks the logic until the cell ends.
@@ -98,12 +97,12 @@ pub fn run(options: &Options) -> Result<(), LogicError> {
         boundaries: Boundaries::every(every, options.slot.pace == Pace::Lockstep),
         last: options.slot.after_scan,
     };
-    let beside = options.slot.machine.parent().unwrap_or(Path::new(""));
+    let folder = machine.logic_folder(&options.slot.machine);
     let mut asked = Asked {
         pace: options.slot.pace,
         deadline: Duration::from_secs_f64(settings.deadline_ms * 1e-3),
         answer_limit: options.answer_limit,
-        folder: beside.join(&settings.folder),
+        folder: folder.ok_or(LogicError::None)?,
         modules: modules_in(&CellPaths::new(&options.slot.cell)?)?,
         cell: options.slot.cell.clone(),
         program: None,
@@ -115,13 +114,8 @@ pub fn run(options: &Options) -> Result<(), LogicError> {
             count: machine.signals.len() as u32,
             ..LogicAnswer::zeroed()
         },
-        values: machine
-            .signals
-            .iter()
-            .map(|signal| signal.default)
-            .collect(),
         // A machine without signals has nothing to wait for.
-        has_values: machine.signals.is_empty(),
+        values: machine.signals.is_empty().then(Vec::new),
         machine,
     };
     asked.start().map_err(LogicError::Program)?;
@@ -175,19 +169,9 @@ fn cycle(asked: &mut Asked, ports: &mut Ports, member: &Member) -> bool {
         .as_mut()
         .and_then(|reader| reader.newest(feedback.scan))
     {
-        asked.has_values = true;
-        for (slot, value) in asked.values.iter_mut().zip(signals.values()) {
-            *slot = *value;
-        }
+        asked.values = Some(signals.values().to_vec());
     }
-    if asked.has_values {
-        asked.ask(&feedback, &|| member.ending());
-    } else {
-        // Before signals show anything there is nothing to ask about: it is there, and sets nothing.
-        asked.said.scan = feedback.scan;
-        asked.said.visible_from = feedback.scan + 1;
-        asked.said.answers = u32::from(asked.program.as_ref().is_some_and(Program::is_ready));
-    }
+    asked.ask(&feedback, &|| member.ending());
     ports.answers.send(&asked.said);
     member.answered(feedback.scan);
     true
@@ -271,6 +255,10 @@ impl Asked {
                 return Ok(false);
             }
         }
+        let Some(values) = self.values.clone() else {
+            // There is nothing to ask about yet: it is there, and sets nothing.
+            return Ok(true);
+        };
         let question = Question {
             scan: feedback.scan,
             time_s: feedback.scan as f64 * self.machine.scan_period_s(),
@@ -283,7 +271,7 @@ impl Asked {
                 .into(),
             run: feedback.run,
             tool: feedback.auxiliary.tool,
-            values: self.values.clone(),
+            values,
         };
         program.ask(&question)?;
         let limit = if lockstep {

@@ -38,8 +38,8 @@ pub struct SpindleDrive {
     /// Its place on the cable, from 0.
     #[schemars(extend("minimum" = 0, "maximum" = 15))]
     pub slave: u32,
-    /// Turns of the motor in one turn of the spindle. Where it is not 1, M19 finds another angle whenever drives have been switched on
-    /// anew.
+    /// Turns of the motor in one turn of the spindle. Where it is not 1, the angle of M19 may be another one each time the drives get
+    /// their power back.
     #[schemars(extend("unit" = "turns", "exclusiveMinimum" = 0, "maximum" = 1000, "default" = 1.0))]
     pub motor_turns: f64,
     /// Speed at which it looks for the angle of M19, by its encoder.

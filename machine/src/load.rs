@@ -53,6 +53,12 @@ impl Machine {
         (!name.is_empty()).then(|| folder.join(name))
     }
 
+    /// The folder that its own logic is run in; none without one.
+    pub fn logic_folder(&self, machine_file: &Path) -> Option<PathBuf> {
+        let folder = machine_file.parent().unwrap_or(Path::new(""));
+        Some(folder.join(&self.logic.as_ref()?.folder))
+    }
+
     /// Copies its drive and terminal files from the folder of its file into another.
     ///
     /// # Errors

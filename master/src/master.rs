@@ -54,7 +54,6 @@ use axis_unit::AxisUnit;
 pub use beginning::Beginning;
 use gantry::Gantries;
 pub use inner::{Inner, InnerAxis};
-use logic::LogicOfMachine;
 use losses::Losses;
 use manual::Manual;
 use modes::Modes;
@@ -198,11 +197,9 @@ impl<D: Drives> Master<D> {
         feedback.path_axes = self.axes.of_path().count() as u32;
         self.program.tell(feedback);
         self.auxiliary.tell(feedback);
-        feedback.logic_losses = self
-            .signals
-            .logic
-            .as_ref()
-            .map_or(0, LogicOfMachine::losses);
+        if let Some(logic) = &self.signals.logic {
+            logic.tell(self.auxiliary.is_coupled(), feedback);
+        }
         for (out, axis) in feedback.axes.iter_mut().zip(self.axes.iter()) {
             *out = axis.tell();
         }

@@ -35,7 +35,7 @@ pub struct Latches {
     pub program: u32,
     /// Programs started so far.
     pub run: u32,
-    /// 1 while feed hold is latched.
+    /// [`HoldReason`](bus::sample::HoldReason) of the feed hold that is latched.
     pub hold: u32,
     /// Typed-in blocks have the program's place: 1, or 2 where M2 or M30 ends them.
     pub typed: u32,

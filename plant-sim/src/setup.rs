@@ -244,7 +244,8 @@ impl PlantFile {
         for contact in &self.contacts {
             let name = &contact.signal;
             let alone = self.contacts.iter().filter(|of| of.signal == *name).count() == 1;
-            let signal = machine.signals.iter().find(|of| of.name == *name);
+            let index = machine.signal(name);
+            let signal = index.and_then(|index| machine.signals.get(index));
             let same = signal.is_some_and(|of| contact.value == Some(of.default));
             if alone && same && !contact.broken {
                 words.push(format!(

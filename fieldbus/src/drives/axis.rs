@@ -55,7 +55,11 @@ pub(super) struct Fields {
 }
 
 fn field(pdos: &[Pdo], index: u16) -> Option<Field> {
-    let (at_bits, entry) = process_data::find(pdos, index, 0)?;
+    sub_field(pdos, index, 0)
+}
+
+fn sub_field(pdos: &[Pdo], index: u16, sub: u8) -> Option<Field> {
+    let (at_bits, entry) = process_data::find(pdos, index, sub)?;
     Some(Field {
         at_bits: at_bits as usize,
         bits: entry.bits,
@@ -86,14 +90,7 @@ impl Fields {
             target_position: field(receive, cia402::TARGET_POSITION),
             velocity_offset: field(receive, cia402::VELOCITY_OFFSET),
             torque_offset: field(receive, cia402::TORQUE_OFFSET),
-            brake: has_brake.then_some(()).and_then(|()| {
-                let (at_bits, entry) = process_data::find(receive, cia402::DIGITAL_OUTPUTS, 1)?;
-                let bits = entry.bits;
-                Some(Field {
-                    at_bits: at_bits as usize,
-                    bits,
-                })
-            }),
+            brake: sub_field(receive, cia402::DIGITAL_OUTPUTS, 1).filter(|_| has_brake),
             constants: process_data::constants(receive),
             statusword: field(transmit, cia402::STATUSWORD)?,
             mode_display: field(transmit, cia402::MODE_DISPLAY),

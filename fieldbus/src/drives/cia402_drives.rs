@@ -120,7 +120,7 @@ impl<W: Wire> Cia402Drives<W> {
             .zip(&setups.drives)
             .map(|(axis, setup)| {
                 Some(Axis {
-                    drive: DriveAxis::new(&setup.drive, moved(axis), scan_s, missed_max)?,
+                    drive: DriveAxis::new(&setup.drive, moved_by(axis), scan_s, missed_max)?,
                     slave: setup.slave,
                     inputs: axis.drive.iter().flat_map(AxisDrive::inputs).collect(),
                     samples: [InstrumentSample::default(); MAX_SUBSAMPLES],
@@ -221,11 +221,7 @@ impl<W: Wire> Cia402Drives<W> {
         let answer = self.wire.exchange(&self.outputs, &mut self.inputs);
         self.answer = answer;
         let sound = answer == WireAnswer::Answered && self.took_part();
-        let axes = self.axes.iter_mut();
-        let axes = axes.map(|axis| (&mut axis.drive, axis.slave));
-        let spindle = self.spindle.iter_mut();
-        let spindle = spindle.map(|spindle| (&mut spindle.drive, spindle.slave));
-        for (drive, place) in axes.chain(spindle) {
+        for (drive, place) in moved_mut(&mut self.axes, &mut self.spindle) {
             let (wiring, state) = slave(&self.wire, &self.inputs, place);
             match answer {
                 WireAnswer::Answered if sound || !operates(&state) => {
@@ -264,8 +260,18 @@ pub(super) fn operates(state: &SlaveState) -> bool {
     state.answered == 1 && state.al_status & 0x1F == OPERATIONAL
 }
 
+/// The drives of all axes and of the spindle, with their places on the cable.
+fn moved_mut<'a>(
+    axes: &'a mut [Axis],
+    spindle: &'a mut Option<DrivenSpindle>,
+) -> impl Iterator<Item = (&'a mut DriveAxis, usize)> {
+    let axes = axes.iter_mut().map(|axis| (&mut axis.drive, axis.slave));
+    let spindle = spindle.iter_mut().map(|of| (&mut of.drive, of.slave));
+    axes.chain(spindle)
+}
+
 /// What the drive of an axis moves.
-fn moved(axis: &machine::Axis) -> Moved {
+fn moved_by(axis: &machine::Axis) -> Moved {
     Moved {
         lead_mm: axis.lead_mm,
         quick_stop_mm_s2: axis.quick_stop_mm_s2,
@@ -434,13 +440,7 @@ impl<W: Wire> Drives for Cia402Drives<W> {
     fn restore(&mut self, bytes: &[u8]) -> Result<(), StateRefused> {
         let slots = bytes.as_chunks::<SAVED_BYTES>().0.iter();
         let mut slots = slots.map(|slot| bytemuck::pod_read_unaligned::<[u64; 2]>(slot));
-        let spindle = self.spindle.iter_mut().map(|spindle| &mut spindle.drive);
-        for drive in self
-            .axes
-            .iter_mut()
-            .map(|axis| &mut axis.drive)
-            .chain(spindle)
-        {
+        for (drive, _) in moved_mut(&mut self.axes, &mut self.spindle) {
             let [counted, referenced] = slots.next().ok_or(StateRefused)?;
             drive.count_from(counted as i64, referenced == 1);
         }

@@ -6,7 +6,6 @@ use master::{AuxiliaryFeedback, DriveCommand, DriveState};
 
 use super::axis::{DriveAxis, Moved};
 use super::cia402_drives::DriveSetup;
-use crate::drive_file::DriveFile;
 
 /// Below this the spindle stands, in turns/s: 1 rev/min.
 const STANDS_TURNS_S: f64 = 1.0 / 60.0;
@@ -35,7 +34,8 @@ pub(super) struct DrivenSpindle {
     shown_turns_s: f64,
     /// Its drive was on, and is not any more though nobody has switched it off: it starts again by an order alone.
     dropped: bool,
-    was_on: bool,
+    /// What its drive was told in the scan before.
+    told: DriveCommand,
     /// Scans that it has stood, and those after which its drive goes off.
     stood_scans: u32,
     stands_on_scans: u32,
@@ -51,7 +51,6 @@ pub(super) struct DrivenSpindle {
     angle_turns: Option<f64>,
     /// Scans in which a fault of the drive is still reset.
     reset_scans: u32,
-    driven: bool,
 }
 
 impl DrivenSpindle {
@@ -67,15 +66,14 @@ impl DrivenSpindle {
             is_homed: false,
             has_brake: false,
         };
-        let drive: &DriveFile = &setup.drive;
         Some(DrivenSpindle {
-            drive: DriveAxis::new(drive, moved, scan_s, machine.scan.watchdog_scans)?,
+            drive: DriveAxis::new(&setup.drive, moved, scan_s, machine.scan.watchdog_scans)?,
             slave: setup.slave,
             levels: Levels::default(),
             turns_s: 0.0,
             shown_turns_s: 0.0,
             dropped: false,
-            was_on: false,
+            told: DriveCommand::Disabled,
             stood_scans: 0,
             stands_on_scans: (STANDS_ON_S / scan_s) as u32,
             step_turns_s: ramp_turns_s2 * scan_s,
@@ -85,7 +83,6 @@ impl DrivenSpindle {
             has_encoder: spindle.encoder_counts_per_turn > 0,
             angle_turns: None,
             reset_scans: 0,
-            driven: false,
         })
     }
 
@@ -106,13 +103,13 @@ impl DrivenSpindle {
             self.shown_turns_s = self.drive.shown.velocity_mm_s;
         }
         let wanted = SpindleCommand::from_wire(self.levels.spindle);
-        self.dropped |= self.was_on && state == DriveState::Off;
+        self.dropped |= self.is_told_speed() && state == DriveState::Off;
         self.dropped &= wanted != SpindleCommand::Stop;
         if wanted != SpindleCommand::Orient {
             self.angle_turns = None;
         }
-        let command = match state {
-            DriveState::Ready => self.told(wanted),
+        self.told = match state {
+            DriveState::Ready => self.turn(wanted),
             DriveState::Off if wanted != SpindleCommand::Stop && !self.dropped => {
                 DriveCommand::SwitchOn
             }
@@ -121,20 +118,23 @@ impl DrivenSpindle {
                 DriveCommand::Disabled
             }
         };
-        self.was_on = matches!(command, DriveCommand::Velocity { .. });
-        if !self.was_on {
+        if !self.is_told_speed() {
             // One that turns is taken from the speed that it has.
             self.turns_s = self.drive.shown.velocity_mm_s;
             self.angle_turns = None;
         }
-        self.driven = command != DriveCommand::Disabled;
-        command
+        self.told
     }
 
-    /// The speed of this scan; none once it is to stand and does.
-    fn told(&mut self, wanted: SpindleCommand) -> DriveCommand {
+    /// Whether its drive was told a speed last.
+    fn is_told_speed(&self) -> bool {
+        matches!(self.told, DriveCommand::Velocity { .. })
+    }
+
+    /// The speed of this scan; none once it is to stand and has.
+    fn turn(&mut self, wanted: SpindleCommand) -> DriveCommand {
         let rests = wanted == SpindleCommand::Stop && self.turns_s == 0.0 && self.stands();
-        self.stood_scans = match rests && self.was_on {
+        self.stood_scans = match rests {
             true => self.stood_scans.saturating_add(1),
             false => 0,
         };
@@ -147,8 +147,9 @@ impl DrivenSpindle {
                 let turns_s = self.towards_angle();
                 self.ramp_to(turns_s);
             }
-            SpindleCommand::Stop if rests && !self.was_on => return DriveCommand::Disabled,
-            SpindleCommand::Stop if self.stood_scans > self.stands_on_scans => {
+            SpindleCommand::Stop
+                if rests && (!self.is_told_speed() || self.stood_scans > self.stands_on_scans) =>
+            {
                 return DriveCommand::Disabled;
             }
             SpindleCommand::Stop => self.ramp_to(0.0),
@@ -199,7 +200,7 @@ impl DrivenSpindle {
 
     /// Whether its drive is commanded to do anything.
     pub fn is_driven(&self) -> bool {
-        self.driven
+        self.told != DriveCommand::Disabled
     }
 
     /// What the machine sees of it.

@@ -37,8 +37,7 @@ pub(super) fn configure(
         }
         return Ok(());
     }
-    let setup = plan.drives.iter().find(|setup| setup.slave == place);
-    let Some(setup) = setup else {
+    let Some(setup) = plan.drive_at(place) else {
         return Ok(());
     };
     let drive = &setup.drive;

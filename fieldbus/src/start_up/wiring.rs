@@ -117,8 +117,7 @@ fn judge_sizes(
     else {
         return Ok(());
     };
-    let drive = plan.drives.iter().find(|setup| setup.slave == place);
-    let of_drive = drive.map(|setup| &setup.drive.process_data);
+    let of_drive = plan.drive_at(place).map(|setup| &setup.drive.process_data);
     let of_drive = of_drive.map(|data| (&data.receive, &data.transmit));
     let of_terminal = plan
         .terminal_at(place)

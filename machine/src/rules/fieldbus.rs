@@ -8,8 +8,9 @@ use crate::fieldbus::{AxisDrive, Fieldbus};
 use crate::machine::Machine;
 use crate::settings_file::Rules;
 
-/// Stands for a terminal where axes have their names, and for the spindle.
+/// Stands for a terminal where axes have their names.
 const TERMINAL: &str = "";
+/// Stands for the spindle.
 const SPINDLE: &str = "spindle";
 /// Most slaves of a segment.
 const SLAVES_MAX: usize = bus::drive_page::SLAVES_MAX;
@@ -57,45 +58,48 @@ fn wrong_path(file: &str) -> Option<String> {
     (!good).then(|| format!("= {file:?}: must be a path below the folder of this file"))
 }
 
-/// Each terminal has a place of its own.
-fn judge_terminals(rules: &mut Rules<'_>, bus: &Fieldbus, taken: &mut Vec<(usize, &str)>) {
-    for (index, terminal) in bus.terminals.iter().enumerate() {
-        let number = (index + 1).to_string();
-        if let Some(what) = wrong_path(&terminal.file) {
-            rules.say(&["bus", "terminal", &number, "file"], None, &what);
-        }
-        let place = terminal.slave as usize;
-        if let Some((_, other)) = taken.iter().find(|(taken, _)| *taken == place) {
-            let what = format!("= {place}: is the place of {}", whose(other));
-            rules.say(&["bus", "terminal", &number, "slave"], None, &what);
-        }
-        taken.push((place, TERMINAL));
+/// A device that a table below `[bus]` describes has a file and a place of its own.
+fn judge_device<'a>(
+    rules: &mut Rules<'_>,
+    table: &[&str],
+    (file, slave): (&str, u32),
+    name: &'a str,
+    taken: &mut Vec<(usize, &'a str)>,
+) {
+    let mut say = |key: &'static str, what: &str| rules.say(&[table, &[key]].concat(), None, what);
+    if let Some(what) = wrong_path(file) {
+        say("file", &what);
     }
+    let place = slave as usize;
+    if let Some((_, other)) = taken.iter().find(|(taken, _)| *taken == place) {
+        say(
+            "slave",
+            &format!("= {place}: is the place of {}", whose(other)),
+        );
+    }
+    taken.push((place, name));
 }
 
-/// The drive of the spindle has a place of its own, and there is a spindle.
-fn judge_spindle(
+/// Terminals, and the drive of a spindle that there is.
+fn judge_devices(
     rules: &mut Rules<'_>,
     machine: &Machine,
     bus: &Fieldbus,
     taken: &mut Vec<(usize, &str)>,
 ) {
-    let Some(drive) = &bus.spindle else {
+    for (index, of) in bus.terminals.iter().enumerate() {
+        let number = (index + 1).to_string();
+        let table = ["bus", "terminal", &number];
+        judge_device(rules, &table, (&of.file, of.slave), TERMINAL, taken);
+    }
+    let Some(of) = &bus.spindle else {
         return;
     };
-    let mut say = |key: &str, what: &str| rules.say(&["bus", "spindle", key], None, what);
-    if let Some(what) = wrong_path(&drive.file) {
-        say("file", &what);
-    }
-    let place = drive.slave as usize;
-    if let Some((_, other)) = taken.iter().find(|(taken, _)| *taken == place) {
-        let what = format!("= {place}: is the place of {}", whose(other));
-        say("slave", &what);
-    }
-    taken.push((place, SPINDLE));
+    let table = ["bus", "spindle"];
+    judge_device(rules, &table, (&of.file, of.slave), SPINDLE, taken);
     if machine.spindle.is_none() {
         let what = "goes with [spindle] alone: write its speeds there, [spindle] speed_max_rpm = …";
-        say("file", what);
+        rules.say(&["bus", "spindle", "file"], None, what);
     }
 }
 
@@ -138,8 +142,7 @@ pub fn judge(rules: &mut Rules<'_>, machine: &Machine) {
         );
         rules.say(&["bus", "interface"], None, &what);
     }
-    judge_terminals(rules, bus, &mut taken);
-    judge_spindle(rules, machine, bus, &mut taken);
+    judge_devices(rules, machine, bus, &mut taken);
     for other in &bus.other_slaves {
         let place = *other as usize;
         if let Some((_, of)) = taken.iter().find(|(taken, _)| *taken == place) {

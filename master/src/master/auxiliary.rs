@@ -136,10 +136,6 @@ pub(super) struct Auxiliary {
     messages_after: u64,
     /// Something latched has changed since it was last asked.
     changed: bool,
-    /// The machine's own logic, without which nothing may move, does not answer.
-    pub awaits_logic: bool,
-    /// The machine is held: a changer that rests meanwhile is not late.
-    held: bool,
 }
 
 impl Auxiliary {
@@ -182,8 +178,6 @@ impl Auxiliary {
             comes_back: false,
             messages_after: 0,
             changed: false,
-            awaits_logic: false,
-            held: false,
         }
     }
 
@@ -263,11 +257,7 @@ impl Auxiliary {
     fn is_blocked(&self) -> bool {
         let spindle = self.turns() && (self.comes_back || !self.released);
         let out_of_step = self.catches_up && self.followed.is_some();
-        self.awaits_logic
-            || spindle
-            || out_of_step
-            || self.questions.brakes()
-            || self.questions.waits_for_planner()
+        spindle || out_of_step || self.questions.brakes() || self.questions.waits_for_planner()
     }
 
     /// What the feedback shows: machine and changer, what the program asks and has said, inputs and the operator's switches.
@@ -614,10 +604,10 @@ impl Auxiliary {
         }
     }
 
-    /// Waits one scan more; the cause of a trip once it has lasted too long.
-    fn wait(&mut self, for_what: Waiting) -> Cause {
+    /// Waits one scan more; the cause of a trip once it has lasted too long. A changer rests while the machine is held, and is not late.
+    fn wait(&mut self, for_what: Waiting, held: bool) -> Cause {
         self.waiting = for_what;
-        if !(self.held && for_what == Waiting::ToolChange) {
+        if !(held && for_what == Waiting::ToolChange) {
             self.waited_scans = self.waited_scans.saturating_add(1);
         }
         let (patience, cause) = match for_what {
@@ -637,7 +627,6 @@ impl Auxiliary {
     /// Whether spindle and coolant act in this mode; a spindle that was stopped in the middle of a program comes back first. What was
     /// switched on by typed-in blocks goes on behind them, until the machine is stopped, trips or is switched off.
     fn release(&mut self, mode: Mode, hold: bool, program: &Loaded) {
-        self.held = hold;
         match mode {
             Mode::Enabled if !hold => {
                 self.comes_back |= !self.released && self.turns();
@@ -706,7 +695,7 @@ impl<D: Drives> Master<D> {
             self.auxiliary.set_outputs_ahead(&tag);
         }
         if self.auxiliary.is_coming_back() {
-            let cause = self.auxiliary.wait(Waiting::SpindleSpeed);
+            let cause = self.auxiliary.wait(Waiting::SpindleSpeed, false);
             self.end_wait(cause);
             return;
         }
@@ -743,7 +732,7 @@ impl<D: Drives> Master<D> {
         }
         let auxiliary = &mut self.auxiliary;
         if waiting != Waiting::None {
-            let cause = auxiliary.wait(waiting);
+            let cause = auxiliary.wait(waiting, self.modes.is_held());
             self.end_wait(cause);
             return;
         }

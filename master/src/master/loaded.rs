@@ -43,7 +43,6 @@ impl<D: Drives> Master<D> {
     /// which it is read again behind them.
     fn order_typed_blocks(&mut self, request: &OperatorRequest) -> Result<(), Refusal> {
         self.may_begin()?;
-        self.signals_allow(true)?;
         let is_loaded = match self.program.state() {
             ProgramState::Loaded | ProgramState::Done => true,
             ProgramState::None => false,
@@ -81,11 +80,7 @@ impl<D: Drives> Master<D> {
         }
         match (self.program.state(), self.mode()) {
             (ProgramState::Loading, Mode::Ready) => {}
-            (ProgramState::Loaded, _)
-                if self.may_begin().is_ok() && self.signals_allow(true).is_ok() =>
-            {
-                self.begin_program(0);
-            }
+            (ProgramState::Loaded, _) if self.may_begin().is_ok() => self.begin_program(0),
             (ProgramState::Running, Mode::Disabled) => self.leave_typed_blocks(),
             (ProgramState::Running, Mode::Tripped) if self.modes.has_settled() => {
                 self.leave_typed_blocks();
@@ -111,7 +106,6 @@ impl<D: Drives> Master<D> {
             return Err(Refused::BadValue.into());
         }
         self.may_begin()?;
-        self.signals_allow(true)?;
         match self.program.state() {
             ProgramState::Loaded | ProgramState::Done => {}
             ProgramState::Loading => return Err(Refused::Loading.into()),
@@ -127,7 +121,7 @@ impl<D: Drives> Master<D> {
         let refused = match self.mode() {
             Mode::Ready if !self.axes.are_homed() => Refused::NotReferenced,
             Mode::Ready if !self.axes.are_within_travel() => Refused::OutsideTravel,
-            Mode::Ready => return Ok(()),
+            Mode::Ready => return self.signals_allow(true),
             Mode::Enabled | Mode::Stopping | Mode::Stopped => Refused::Running,
             Mode::Finished => Refused::NotAtRest,
             Mode::Disabled => Refused::DrivesOff,

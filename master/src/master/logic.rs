@@ -1,8 +1,8 @@
 //! The machine's own logic, as the master sees it: what it has said last, whether it is there, and what follows when it is not.
 
 use bus::sample::{
-    Cause, HoldReason, Job, LOGIC_HOLD, LOGIC_INHIBIT, LOGIC_STOP, LOGIC_TRIP, LogicAnswer, Mode,
-    Refused, Roster,
+    Cause, Feedback, HoldReason, Job, LOGIC_HOLD, LOGIC_INHIBIT, LOGIC_STOP, LOGIC_TRIP,
+    LogicAnswer, Mode, Refused, Roster,
 };
 use bytemuck::Zeroable;
 use machine::{Machine, OnLogicLoss};
@@ -22,10 +22,10 @@ pub(super) struct LogicOfMachine {
     patience_scans: u64,
     said: Box<LogicAnswer>,
     answers: bool,
-    /// Scans in which it may begin to answer, from the first scan of this master on.
+    /// It was missed in the scan before; in a master's first feedback nobody has been asked yet.
+    was_missed: bool,
+    /// Scans in which it may still begin to answer under this master; 0 once it has.
     begins_scans: u64,
-    /// It has answered under this master.
-    has_answered: bool,
     /// Times that it was lost.
     losses: u32,
     /// It has asked for a stop in the scan before.
@@ -41,8 +41,8 @@ impl LogicOfMachine {
             patience_scans: machine.logic_every_scans()? + deadline as u64,
             said: Box::new(LogicAnswer::zeroed()),
             answers: false,
+            was_missed: false,
             begins_scans: libm::ceil(BEGINS_S / machine.scan_period_s()) as u64,
-            has_answered: false,
             losses: 0,
             stopped: false,
         })
@@ -64,18 +64,26 @@ impl LogicOfMachine {
             &mut self.answers,
             is_its && in_time && self.said.answers == 1,
         );
+        self.begins_scans = match self.answers {
+            true => 0,
+            false => self.begins_scans.saturating_sub(1),
+        };
         // One that never begins to answer is lost too.
-        self.begins_scans = self.begins_scans.saturating_sub(1);
-        self.has_answered |= self.answers;
-        let never_began = self.begins_scans == 1 && !self.has_answered;
-        let is_lost = !self.answers && (before || never_began);
+        let is_lost = !self.answers && (before || self.begins_scans == 1);
         self.losses += u32::from(is_lost);
+        self.was_missed = self.is_missed();
         is_lost
     }
 
-    /// Times that it was lost.
-    pub fn losses(&self) -> u32 {
-        self.losses
+    /// Whether nothing may move without it, and it does not answer.
+    fn is_missed(&self) -> bool {
+        !self.answers && self.on_loss != OnLogicLoss::GoOn
+    }
+
+    /// What the feedback shows of it. A thread is cut to its end without it, as in feed hold.
+    pub fn tell(&self, is_in_thread: bool, feedback: &mut Feedback) {
+        feedback.logic_losses = self.losses;
+        feedback.auxiliary.blocked |= u32::from(self.was_missed && !is_in_thread);
     }
 
     /// Alarms that it raises, a bit each.
@@ -100,7 +108,7 @@ impl LogicOfMachine {
 
     /// Whether it lets a program, or the hand, move the machine.
     pub fn allows(&self, program: bool) -> Result<(), Refused> {
-        if !self.answers && self.on_loss != OnLogicLoss::GoOn {
+        if self.is_missed() {
             return Err(Refused::LogicLost);
         }
         if program && self.asks(LOGIC_INHIBIT | LOGIC_HOLD) {
@@ -128,7 +136,7 @@ impl<D: Drives> Master<D> {
             return;
         };
         let is_lost = logic.take(answers.logic.as_ref(), self.scan, roster);
-        let (on_loss, answers) = (logic.on_loss, logic.answers);
+        let on_loss = logic.on_loss;
         let (holds, trips) = (logic.asks(LOGIC_HOLD), logic.asks(LOGIC_TRIP));
         let stops = logic.asks(LOGIC_STOP);
         let stops_now = !std::mem::replace(&mut logic.stopped, stops) && stops;
@@ -138,9 +146,6 @@ impl<D: Drives> Master<D> {
         } else if driven && trips {
             self.trip(Cause::LogicTrip, u32::MAX);
         }
-        // A thread is cut to its end, as in feed hold.
-        let coupled = self.auxiliary.is_coupled();
-        self.auxiliary.awaits_logic = !answers && on_loss != OnLogicLoss::GoOn && !coupled;
         let reason = match holds {
             true => HoldReason::Logic,
             false => HoldReason::LogicLost,

@@ -102,8 +102,9 @@ fn request(entry: &Entry, machine: &Machine) -> Result<OperatorRequest, String> 
         | Order::RapidOverride
         | Order::JogOverride
         | Order::OptionalStop
-        | Order::SingleBlock => (false, true),
-        Order::Signal | Order::SignalForce => (false, true),
+        | Order::SingleBlock
+        | Order::Signal
+        | Order::SignalForce => (false, true),
         _ => (false, false),
     };
     let of_signal = matches!(

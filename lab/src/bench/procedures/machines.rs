@@ -4,7 +4,7 @@ use std::path::Path;
 
 use anyhow::Context;
 use bus::sample::{OperatorRequest, Order};
-use machine::{HomingMethod, Machine, SetBy, Signal, SignalKind, SignalSource, ToolChanger};
+use machine::{HomingMethod, Machine, SetBy, SignalSource, ToolChanger};
 use plant_sim::plant_file::{PlantDriveHoming, PlantFile};
 
 use crate::stock;
@@ -55,21 +55,14 @@ fn wire(machine: &mut Machine) {
         Wire::Door.name(),
         Wire::Air.name(),
     ];
-    let signal = |name: &str| Signal {
-        name: name.into(),
-        kind: SignalKind::Bool,
-        unit: String::new(),
-        default: 1.0,
-        lost: None,
-        keeps: false,
-        inverted: false,
-        from: SignalSource {
+    let by_operator = |name: &str| {
+        let from = SignalSource {
             by: Some(SetBy::Operator),
             ..SignalSource::default()
-        },
-        to: None,
+        };
+        stock::switch(name, from)
     };
-    machine.signals = names.map(signal).into();
+    machine.signals = names.map(by_operator).into();
     machine.functions.emergency_stop = Some(Wire::Chain.name().into());
     machine.functions.door = Some(Wire::Door.name().into());
     machine.functions.ready = vec![Wire::Air.name().into()];
