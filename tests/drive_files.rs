@@ -193,26 +193,3 @@ fn a_file_that_is_no_esi_or_not_there_is_refused_by_name() {
         refused.stderr
     );
 }
-
-/// Without the feature there is nothing to scan with, whatever the interface.
-#[cfg(not(feature = "ethercat"))]
-#[test]
-fn a_program_that_was_built_without_ethercat_says_how_to_build_it() {
-    let folder = tempfile::tempdir().expect("a folder");
-    for arguments in [
-        &["scan", "eth77"][..],
-        &["sdo", "eth77", "0", "6064"],
-        &["sdo", "eth77", "0", "605A", "6"],
-    ] {
-        let refused = bus(folder.path(), arguments);
-        assert_eq!(refused.status, 3, "{}", refused.stderr);
-        assert!(
-            refused
-                .stderr
-                .contains("cargo build --release --features ethercat"),
-            "{}",
-            refused.stderr
-        );
-        assert_eq!(refused.stderr.lines().count(), 1, "{}", refused.stderr);
-    }
-}

@@ -1,7 +1,6 @@
 //! A cell over EtherCAT, against a segment of foreign drives in a network namespace of its own.
 //!
-//! A binary of its own, because it is built with the feature `ethercat` only:
-//! `cargo test --release --features ethercat --test ethercat`. What it needs: docs/developers/foreign-drives.md.
+//! A binary of its own, because it needs the right to make network namespaces. What else it needs: docs/developers/foreign-drives.md.
 
 // Each test binary uses a part of it.
 #[allow(dead_code)]
@@ -10,6 +9,8 @@ mod support;
 
 #[path = "ethercat/by_hand.rs"]
 mod by_hand;
+#[path = "ethercat/causes.rs"]
+mod causes;
 #[path = "ethercat/cells.rs"]
 mod cells;
 #[path = "ethercat/clocks.rs"]
@@ -18,6 +19,12 @@ mod clocks;
 mod commands;
 #[path = "ethercat/esi_drives.rs"]
 mod esi_drives;
+#[path = "ethercat/kills.rs"]
+mod kills;
+#[path = "ethercat/live.rs"]
+mod live;
+#[path = "ethercat/multi_axis.rs"]
+mod multi_axis;
 #[path = "ethercat/observed.rs"]
 mod observed;
 #[path = "ethercat/runs.rs"]

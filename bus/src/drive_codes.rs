@@ -3,6 +3,48 @@
 
 use crate::sample::{Cause, Feedback};
 
+wire_enum! {
+    /// Why a drive is lost where no AL status code says it: above what 16 bits of such a code can be.
+    pub enum Silence {
+        /// The interface has no link.
+        NoLink = 0x1_0000 => "the interface has no link: look at the cable to the first device, and its power",
+        /// Answers came, all of them after their time.
+        Late = 0x2_0000 => "answers come, all too late: this PC is too slow or stalls (`quadrant doctor`), or the scan is too short",
+        /// There is a link, and no answer.
+        Nobody = 0x3_0000 => "nobody on the bus does, and the interface has a link: is the power of the drives on, is a cable cut behind the first device?",
+        /// Others answer.
+        Alone = 0x4_0000 => "others on the bus do: look at its power, and at the cable in front of it",
+        /// The bus is not in operation.
+        BusDown = 0x5_0000 => "the bus is not in operation: `quadrant status` says why, and `enable` starts it up again",
+        /// The process that owns the bus does not answer.
+        Owner = 0x6_0000 => "the process that owns the bus does not either",
+    }
+    /// What is known of it, and where to look.
+    pub fn words
+}
+
+/// Set in the code of a drive that answers and is not in operation, beside its AL status.
+const LEFT_OPERATION: u32 = 0x10_0000;
+
+/// The code of a drive that answers and is not in operation, from its AL status and AL status code.
+pub fn out_of_operation(al_status: u16, al_status_code: u16) -> u32 {
+    match al_status_code {
+        0 => LEFT_OPERATION | u32::from(al_status),
+        code => code.into(),
+    }
+}
+
+/// Why a drive is out of operation.
+fn out(code: u32) -> String {
+    match code & LEFT_OPERATION {
+        0 => al_status(code as u16),
+        _ => format!(
+            "somebody took it out of operation, it is in {}",
+            al_state(code as u16)
+        ),
+    }
+}
+
 /// Why a machine stopped, with what the drive of the axis says of it.
 pub fn cause_words(feedback: &Feedback) -> String {
     let Some(cause) = Cause::from_wire(feedback.cause) else {
@@ -17,8 +59,13 @@ pub fn with_code(cause: Cause, code: u32) -> String {
     let words = cause.words();
     match cause {
         Cause::DriveFault if code != 0 => format!("{words} {code:04X}h ({})", drive_error(code)),
-        Cause::DriveLost if code != 0 => {
-            format!("{words} as it should: {}", al_status(code as u16))
+        Cause::DriveLost if code != 0 => match Silence::from_wire(code) {
+            Some(silence) => format!("{words} ({})", silence.words()),
+            None => format!("{words} as it should: {}", out(code)),
+        },
+        Cause::Displaced if code != 0 => {
+            let off_mm = f64::from(code as i32) * 1e-3;
+            format!("{words} ({off_mm:+.3})")
         }
         Cause::Skew => {
             let skew_mm = f64::from(code as i32) * 1e-3;

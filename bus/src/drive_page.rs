@@ -15,7 +15,7 @@ use crate::mapped_page::{self, MappedPage};
 use crate::robust_lock::RobustLock;
 use crate::signal_page::Signal;
 
-const MAGIC: u64 = u64::from_le_bytes(*b"QUADDRV2");
+const MAGIC: u64 = u64::from_le_bytes(*b"QUADDRV3");
 
 /// Most slaves on a segment.
 pub const SLAVES_MAX: usize = 16;
@@ -40,6 +40,8 @@ pub struct SlaveWiring {
     pub input_bytes: u16,
     /// What it adds to the working counter of a logical read and write: 2 with outputs, 1 with inputs.
     pub working_counter: u16,
+    /// Its serial number; 0 of one that has none.
+    pub serial: u32,
 }
 
 /// How a segment is wired: found at start-up, the same until the next.
@@ -107,6 +109,22 @@ pub struct Counts {
     pub foreign: u64,
     /// Cycles in which the master had nothing new.
     pub repeated: u64,
+    /// Frames whose time at the reference clock is known.
+    pub clocked: u64,
+    /// How far they were from the middle between two SYNC0, in all, in ns.
+    pub clock_off_sum_ns: u64,
+    /// The same, at most.
+    pub clock_off_max_ns: u64,
+}
+
+impl Counts {
+    /// One more frame, so far from the middle between two SYNC0, in ns.
+    pub fn clock(&mut self, late_ns: i64) {
+        let off_ns = late_ns.unsigned_abs();
+        self.clocked += 1;
+        self.clock_off_sum_ns = self.clock_off_sum_ns.saturating_add(off_ns);
+        self.clock_off_max_ns = self.clock_off_max_ns.max(off_ns);
+    }
 }
 
 /// What came back in a cycle.
@@ -127,6 +145,8 @@ pub struct Inputs {
     pub round_trip_ns: u64,
     /// How much later than in the middle between two SYNC0 the frame passed the reference clock, in ns; 0 without distributed clocks.
     pub clock_late_ns: i64,
+    /// 1 where no answer came and the interface has no link.
+    pub no_link: u64,
     /// What was counted.
     pub counts: Counts,
 }
@@ -146,6 +166,9 @@ wire_enum! {
     /// In words.
     pub fn words
 }
+
+/// Most bytes that are kept of why a start-up failed.
+const FAILURE_BYTES_MAX: usize = 512;
 
 /// Plain data that lie in the page as words.
 #[repr(C, align(64))]
@@ -175,6 +198,7 @@ impl<T: Pod, const WORDS: usize> KeptValue<T, WORDS> {
 
 const WIRING_WORDS: usize = size_of::<Wiring>() / 8;
 const OUTPUT_WORDS: usize = size_of::<Outputs>() / 8;
+const FAILURE_WORDS: usize = FAILURE_BYTES_MAX / 8;
 const INPUT_WORDS: usize = size_of::<Inputs>() / 8;
 
 // SAFETY: atomics only, and a lock of the C library that the kernel and it alone touch.
@@ -197,6 +221,8 @@ struct Layout {
     /// 1 once the master has left in order.
     left: AtomicU64,
     wiring: KeptValue<Wiring, WIRING_WORDS>,
+    /// Text, zeros behind it.
+    failure: KeptValue<[u8; FAILURE_BYTES_MAX], FAILURE_WORDS>,
     outputs: [KeptValue<Outputs, OUTPUT_WORDS>; 2],
     inputs: [KeptValue<Inputs, INPUT_WORDS>; 2],
 }
@@ -306,6 +332,24 @@ impl DrivePage {
     pub fn set_state(&self, state: BusState) {
         self.layout.state.store(state as u32, Ordering::Release);
         self.layout.answered.raise();
+    }
+
+    /// Says why the last start-up failed, or that it did not; before the state.
+    pub fn set_failure(&self, why: &str) {
+        let mut kept = [0; FAILURE_BYTES_MAX];
+        for (to, byte) in kept.iter_mut().zip(why.bytes()) {
+            *to = byte;
+        }
+        self.layout.failure.store(&kept);
+    }
+
+    /// Why the last start-up failed; empty if it did not.
+    pub fn failure(&self) -> String {
+        let mut kept = [0; FAILURE_BYTES_MAX];
+        self.layout.failure.load(&mut kept);
+        let end = kept.iter().position(|byte| *byte == 0);
+        let text = kept.get(..end.unwrap_or(kept.len())).unwrap_or(&kept);
+        String::from_utf8_lossy(text).into_owned()
     }
 
     /// Asks for another start-up, because drives have been lost; for the master.

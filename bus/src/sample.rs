@@ -312,6 +312,8 @@ wire_enum! {
         MachineAlarm = 40 => "an alarm of the machine (quadrant alarms)",
         /// The machine has not done an M-code in time.
         MachineCode = 41 => "the machine did not do an M-code in time",
+        /// The drive of the axis was lost and came back elsewhere.
+        Displaced = 42 => "axis came back elsewhere than its drive was lost: see where it is, then `quadrant alarms acknowledge`",
     }
     /// A sentence fragment for people.
     pub fn words
@@ -371,7 +373,7 @@ pub struct AxisFeedback {
     /// [`Driver`]: which of the axis's two controllers drives.
     pub driver: u32,
     /// The drive's own error code while it reports a fault, else 0 (CiA 402 object 603Fh). With [`Cause::Skew`] the skew that it was,
-    /// in µm, as an `i32`; with [`Cause::GantryTorque`] the difference of the torques, in percent of the rated one, likewise.
+    /// in µm, as an `i32`, and how far the axis came back from its place with [`Cause::Displaced`]; with [`Cause::GantryTorque`] the difference of the torques, in percent of the rated one, likewise.
     pub drive_code: u32,
     /// [`Redundancy`] of the axis.
     pub redundancy: u32,
@@ -436,6 +438,10 @@ wire_enum! {
         Missing = 1 => "not homed",
         /// It is being homed.
         Searching = 2 => "homing",
+        /// Its drive was lost and came back elsewhere: somebody has to look before it is driven.
+        Displaced = 3 => "came back elsewhere",
+        /// Its drive does not answer: they are those that it showed last.
+        Unseen = 4 => "as seen last",
     }
     /// In a word or two.
     pub fn words

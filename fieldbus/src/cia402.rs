@@ -11,6 +11,11 @@ pub use option_codes::{Effect, OptionCode};
 /// Number of the device profile.
 pub const PROFILE: u32 = 402;
 
+/// Objects of an axis of a drive: those of the next one begin so much above (ETG.6010, multi-axis drives).
+pub const OBJECTS_OF_AXIS: u16 = 0x800;
+/// Where the objects of the first axis begin, and where those of the last one end.
+const OBJECTS_OF_AXES: std::ops::Range<u16> = 0x6000..0xA000;
+
 /// Abort connection option code: what the drive does when the bus falls silent.
 pub const ABORT_CONNECTION: u16 = 0x6007;
 /// Code of the last fault.
@@ -127,10 +132,23 @@ pub fn is_limit(index: u16) -> bool {
 /// An object as messages name it: `6040`, `60C2:1`, with its name where that is known.
 pub fn named(index: u16, sub: u8) -> String {
     let number = number(index, sub);
-    match standard(index, sub) {
-        Some((name, _)) => format!("{number} ({name})"),
-        None => number,
+    let (axis, of_first) = of_axis(index).unwrap_or((0, index));
+    match (standard(of_first, sub), axis) {
+        (Some((name, _)), 0) => format!("{number} ({name})"),
+        (Some((name, _)), axis) => format!("{number} ({name}, axis {})", axis + 1),
+        (None, _) => number,
     }
+}
+
+/// Which axis of a drive an object is of, from 0, and the same object of the first one; none of an object of the whole drive.
+pub fn of_axis(index: u16) -> Option<(u16, u16)> {
+    let above = OBJECTS_OF_AXES
+        .contains(&index)
+        .then(|| index - OBJECTS_OF_AXES.start)?;
+    Some((
+        above / OBJECTS_OF_AXIS,
+        OBJECTS_OF_AXES.start + above % OBJECTS_OF_AXIS,
+    ))
 }
 
 /// An object by its number: `6040`, `60C2:1`.

@@ -6,7 +6,6 @@ mod interface;
 mod socket;
 
 pub use cycle::{Cycle, Found};
-#[cfg(feature = "ethercat")]
 pub(crate) use frame::AL_STATUS;
 pub use frame::{CycleFrame, Received, Tag, request_state};
 pub(crate) use frame::{INIT, OPERATIONAL};

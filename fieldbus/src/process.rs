@@ -57,6 +57,7 @@ pub fn run(options: &Options) -> anyhow::Result<()> {
         plan,
         period_ns: u64::from(machine.scan.period_us) * 1000,
         watchdog_scans: machine.scan.watchdog_scans,
+        hang_scans: bus.hang_scans(machine.scan.period_us),
         answer_limit: options.answer_limit,
     };
     let owner = match process.page.own(Duration::ZERO)? {
@@ -78,6 +79,8 @@ struct Process {
     plan: SegmentPlan,
     period_ns: u64,
     watchdog_scans: u32,
+    /// Scans without an answer after which an owner hangs.
+    hang_scans: u32,
     answer_limit: Duration,
 }
 

@@ -62,6 +62,20 @@ impl Entry {
     }
 }
 
+/// PDOs as an axis of a drive sees them, from 0: its objects have the numbers of the first axis, and those of others are gaps.
+pub fn of_axis(pdos: &[Pdo], axis: u16) -> Vec<Pdo> {
+    let seen = |entry: &Entry| match cia402::of_axis(entry.index) {
+        None => *entry,
+        Some((of, index)) if of == axis => Entry { index, ..*entry },
+        Some(_) => Entry::of(0, 0, entry.bits),
+    };
+    let pdos = pdos.iter().map(|pdo| Pdo {
+        index: pdo.index,
+        entries: pdo.entries.iter().map(seen).collect(),
+    });
+    pdos.collect()
+}
+
 /// Size of PDOs that are sent one behind the other, in bits.
 pub fn bits(pdos: &[Pdo]) -> u32 {
     let entries = pdos.iter().flat_map(|pdo| &pdo.entries);
@@ -143,6 +157,34 @@ mod tests {
         pdos.extend(with_gaps());
         pdos[1].entries[0] = Entry::of(0x6060, 0, 8);
         assert_eq!(find(&pdos, 0x6060, 0), Some((56, Entry::of(0x6060, 0, 8))));
+    }
+
+    #[test]
+    fn an_axis_of_a_drive_sees_its_own_objects_where_they_are() {
+        let mut pdos = with_gaps();
+        pdos.push(Pdo {
+            index: 0x1610,
+            entries: vec![Entry::of(0x6840, 0, 16), Entry::of(0x68FF, 0, 32)],
+        });
+        let [first, second] = [0, 1].map(|axis| of_axis(&pdos, axis));
+        assert_eq!(
+            find(&first, 0x60FF, 0),
+            Some((24, Entry::of(0x60FF, 0, 32)))
+        );
+        assert_eq!(find(&first, 0x6840, 0), None);
+        assert_eq!(
+            find(&second, 0x6040, 0),
+            Some((56, Entry::of(0x6040, 0, 16)))
+        );
+        assert_eq!(
+            find(&second, 0x60FF, 0),
+            Some((72, Entry::of(0x60FF, 0, 32)))
+        );
+        assert_eq!(
+            find(&second, 0x2601, 0),
+            Some((16, Entry::of(0x2601, 0, 1)))
+        );
+        assert_eq!(bits(&second), bits(&pdos));
     }
 
     #[test]

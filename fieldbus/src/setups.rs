@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use anyhow::{Context, bail};
-use machine::{Axis, DriveMode, HomingMethod, Machine, Spindle, SpindleDrive};
+use machine::{Axis, DriveMode, Fieldbus, HomingMethod, Machine, Spindle, SpindleDrive};
 
 use crate::cia402::{self, OperatingMode};
 use crate::drive_file::{self, DriveFile};
@@ -11,6 +11,10 @@ pub use crate::drives::Setups;
 use crate::drives::{DriveSetup, SignalDevice, SignalPlaces, TerminalSetup, Units};
 use crate::process_data;
 use crate::terminal_file::{self, Channel, ChannelDirection};
+
+/// Scans from the death of an owner of the bus to the first frame of its standby, at most
+/// (docs/developers/measurements.md: the largest gap was 3.3 ms at 1 ms).
+const TAKE_OVER_SCANS: u32 = 4;
 
 /// Reads the drive and terminal files of a machine whose file is this; none without `[bus]`.
 ///
@@ -29,11 +33,17 @@ pub fn load(machine: &Machine, machine_file: &Path) -> anyhow::Result<Option<Set
         warnings: Vec::new(),
     };
     let shown = machine_file.display();
+    if let Some(warning) = watchdog_that_does_not_fit(bus, machine.scan.period_us) {
+        setups.warnings.push(format!("{shown}: {warning}"));
+    }
     for (index, axis) in machine.axes.iter().enumerate() {
         let named = axis.drive.as_ref();
         let named = named.with_context(|| format!("{shown}: axis {} has no drive", axis.name))?;
         let path = folder.join(&named.file);
-        let drive = setups.load_drive(&path)?;
+        let file = setups.load_drive(&path)?;
+        let axis_of_drive = (named.axis - 1) as u16;
+        let drive = file.of_axis(axis_of_drive);
+        judge_axis(axis, &drive).with_context(|| shown.to_string())?;
         judge_mode(axis, &drive).with_context(|| shown.to_string())?;
         judge_inputs(axis, &drive).with_context(|| shown.to_string())?;
         judge_brake(axis, &drive).with_context(|| shown.to_string())?;
@@ -51,6 +61,8 @@ pub fn load(machine: &Machine, machine_file: &Path) -> anyhow::Result<Option<Set
             slave: machine.slave_of(index),
             following_error_increments: window as u32,
             drive,
+            device: file.process_data,
+            axis: axis_of_drive,
         });
     }
     if let (Some(of_bus), Some(spindle)) = (&bus.spindle, &machine.spindle) {
@@ -59,6 +71,8 @@ pub fn load(machine: &Machine, machine_file: &Path) -> anyhow::Result<Option<Set
         setups.spindle = Some(DriveSetup {
             slave: of_bus.slave as usize,
             following_error_increments: u32::MAX,
+            device: drive.process_data.clone(),
+            axis: 0,
             drive,
         });
     }
@@ -71,6 +85,27 @@ pub fn load(machine: &Machine, machine_file: &Path) -> anyhow::Result<Option<Set
     let signals = SignalPlaces::of(machine, &setups.drives, &setups.terminals);
     setups.signals = signals.with_context(|| shown.to_string())?;
     Ok(Some(setups))
+}
+
+/// Whether the drives stop by themselves before anybody can do something about a silence.
+fn watchdog_that_does_not_fit(bus: &Fieldbus, period_us: u32) -> Option<String> {
+    let hang_scans = if bus.standby {
+        bus.hang_scans(period_us)
+    } else {
+        0
+    };
+    let least_scans = hang_scans + TAKE_OVER_SCANS;
+    let reason = match bus.standby {
+        true => "before the standby can have replaced an owner of the bus that hangs",
+        false => "as soon as a frame or two come late",
+    };
+    (bus.watchdog_scans(period_us) < least_scans).then(|| {
+        let least_ms = (least_scans * period_us).div_ceil(1000);
+        format!(
+            "bus.watchdog_ms = {}: the drives stop by themselves {reason}; at least {least_ms} fits a scan of {period_us} µs",
+            bus.watchdog_ms
+        )
+    })
 }
 
 impl Setups {
@@ -94,8 +129,13 @@ impl Setups {
         let mut places: Vec<(usize, String)> = axes
             .map(|(index, (drive, axis))| {
                 let name = &drive.drive.identity.name;
+                let of_drive = match drive.axis {
+                    0 => String::new(),
+                    axis => format!(" (its axis {})", axis + 1),
+                };
                 let signals = self.signals_in_words(machine, SignalDevice::Drive(index));
-                (drive.slave, format!("axis {}, {name}{signals}", axis.name))
+                let words = format!("axis {}, {name}{of_drive}{signals}", axis.name);
+                (drive.slave, words)
             })
             .collect();
         if let Some(spindle) = &self.spindle {
@@ -148,6 +188,26 @@ impl Setups {
             false => format!(": {}", words.join(", ")),
         }
     }
+}
+
+/// An axis of a drive of several has its own objects in what the drive exchanges.
+fn judge_axis(axis: &Axis, drive: &DriveFile) -> anyhow::Result<()> {
+    let (data, operate) = (&drive.process_data, drive.mode.operate);
+    let number = axis.drive.as_ref().map_or(1, |drive| drive.axis);
+    if number > 1 && !process_data::holds(&data.receive, &data.transmit, operate) {
+        let above = cia402::OBJECTS_OF_AXIS * (number - 1) as u16;
+        let needed = [operate.receive_needed(), operate.transmit_needed()].concat();
+        let needed: Vec<String> = needed
+            .iter()
+            .map(|object| format!("{:04X}", object + above))
+            .collect();
+        bail!(
+            "axis {}: drive.axis = {number}: needs {} in the process data of its drive file",
+            axis.name,
+            needed.join(", ")
+        );
+    }
+    Ok(())
 }
 
 /// The drive closes the loops that the servo leaves to it.

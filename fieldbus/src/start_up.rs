@@ -3,34 +3,20 @@
 //! `ethercrab` finds the slaves, reads their memory (SII), reads and writes objects, maps process data and sets distributed clocks. What
 //! every cycle needs is then read back from the slaves: where ethercrab put the process data is what their FMMUs say.
 
-#[cfg(feature = "ethercat")]
 mod clocks;
-#[cfg(feature = "ethercat")]
 mod configure;
-#[cfg(feature = "ethercat")]
 mod driver;
 mod error;
 mod found;
-#[cfg(not(feature = "ethercat"))]
-mod not_built;
-#[cfg(feature = "ethercat")]
 mod objects;
-#[cfg(feature = "ethercat")]
 mod operational;
-#[cfg(feature = "ethercat")]
 mod scan;
-#[cfg(feature = "ethercat")]
 mod segment;
-#[cfg(feature = "ethercat")]
 mod wiring;
 
 pub use error::StartUpError;
 pub use found::{FoundPdo, FoundSlave, ObjectData, ObjectValue, Written};
-#[cfg(not(feature = "ethercat"))]
-pub use not_built::{read_object, scan, start_up, write_object};
-#[cfg(feature = "ethercat")]
 pub use scan::{read_object, scan, write_object};
-#[cfg(feature = "ethercat")]
 pub use segment::start_up;
 
 use bus::member::Pace;
@@ -38,9 +24,6 @@ use machine::Fieldbus;
 
 use crate::drive_file::Identity;
 use crate::drives::{DriveSetup, TerminalSetup};
-
-/// Whether this program was built with EtherCAT.
-pub const BUILT: bool = cfg!(feature = "ethercat");
 
 /// What messages call the file of a device, where the machine file names it, and the command that makes it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -85,20 +68,22 @@ pub struct SegmentPlan {
 }
 
 impl SegmentPlan {
-    /// The drive at a place on the cable.
-    pub fn drive_at(&self, slave: usize) -> Option<&DriveSetup> {
-        self.drives.iter().find(|drive| drive.slave == slave)
+    /// The axes of the drive at a place on the cable.
+    pub fn drives_at(&self, slave: usize) -> impl Iterator<Item = &DriveSetup> {
+        self.drives.iter().filter(move |drive| drive.slave == slave)
     }
 
     /// Whether watchdogs are to be off.
-    #[cfg(feature = "ethercat")]
     fn is_without_watchdog(&self) -> bool {
         self.pace == Pace::Lockstep
     }
 
     /// How many slaves there are to be.
     pub fn slave_count(&self) -> usize {
-        self.drives.len() + self.terminals.len() + self.bus.other_slaves.len()
+        let mut drives: Vec<usize> = self.drives.iter().map(|drive| drive.slave).collect();
+        drives.sort_unstable();
+        drives.dedup();
+        drives.len() + self.terminals.len() + self.bus.other_slaves.len()
     }
 
     /// The terminal at a place on the cable.
@@ -118,12 +103,15 @@ impl SegmentPlan {
 
     /// A slave as messages name it.
     pub fn name(&self, slave: usize) -> String {
-        let mut drives = self.drives.iter().zip(&self.moved);
-        let drive = drives.find(|(drive, _)| drive.slave == slave);
-        match (drive, self.terminal_at(slave)) {
-            (Some((_, moved)), _) => format!("{moved} (place {slave} on the cable)"),
-            (None, Some(_)) => format!("terminal {slave} (place {slave} on the cable)"),
-            (None, None) => format!("place {slave} on the cable"),
+        let drives = self.drives.iter().zip(&self.moved);
+        let moved = drives.filter(|(drive, _)| drive.slave == slave);
+        let moved: Vec<&str> = moved.map(|(_, moved)| moved.as_str()).collect();
+        match self.terminal_at(slave) {
+            _ if !moved.is_empty() => {
+                format!("{} (place {slave} on the cable)", moved.join(" and "))
+            }
+            Some(_) => format!("terminal {slave} (place {slave} on the cable)"),
+            None => format!("place {slave} on the cable"),
         }
     }
 }

@@ -59,6 +59,7 @@ impl Loop {
         wiring.working_counter = 3 * u32::from(SLAVES);
         for (place, slave) in (0..SLAVES).zip(&mut wiring.slaves) {
             *slave = SlaveWiring {
+                serial: 0,
                 address: 0x1000 + place,
                 outputs_at: SLAVES * INPUT_BYTES + place * OUTPUT_BYTES,
                 output_bytes: OUTPUT_BYTES,

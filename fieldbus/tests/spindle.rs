@@ -145,6 +145,7 @@ impl Segment {
         for (place, slave) in (0..=AXES).zip(&mut wiring.slaves) {
             let is_spindle = place == AXES;
             *slave = SlaveWiring {
+                serial: 0,
                 address: 0x1000 + place,
                 inputs_at: place * axis_in,
                 input_bytes: if is_spindle { IN_BYTES } else { axis_in },

@@ -310,9 +310,9 @@ fn a_terminal_that_leaves_or_falls_silent_is_lost_and_its_counter_begins_anew() 
     // A few cycles without an answer are none.
     let (machine, _) = loaded(&folder);
     segment.borrow_mut().answer = WireAnswer::Missed;
-    for scan in 1..=machine.scan.watchdog_scans {
+    for scan in 1..=machine.missed_cycles_max() {
         drives.exchange(&OFF);
-        let known = scan < machine.scan.watchdog_scans;
+        let known = scan < machine.missed_cycles_max();
         assert_eq!(drives.signal(DOOR).is_some(), known, "{scan}");
     }
     segment.borrow_mut().answer = WireAnswer::Answered;

@@ -237,6 +237,7 @@ impl<'a> Liveness<'a> {
             | Cause::DriveLost
             | Cause::DriveOff
             | Cause::NotReferenced
+            | Cause::Displaced
             | Cause::Stalled
             | Cause::Spindle
             | Cause::ToolChange

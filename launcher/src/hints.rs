@@ -36,7 +36,13 @@ fn hint(
 impl Hint {
     /// For people; `ends` where the cell is a run that Ctrl-C ends.
     pub fn words(&self, cell: &str, ends: bool) -> String {
-        let command = |order: &Order| format!("`quadrant {} --cell {cell}`", order.word());
+        let command = |order: &Order| {
+            let word = match order {
+                Order::Acknowledge => "alarms acknowledge",
+                order => order.word(),
+            };
+            format!("`quadrant {word} --cell {cell}`")
+        };
         let why = self
             .why
             .map_or(String::new(), |why| format!(" since {why}"));
@@ -67,6 +73,12 @@ fn is_homed(feedback: &Feedback) -> bool {
     axes.all(|axis| axis.reference == Reference::Known as u32)
 }
 
+/// Whether an axis came back elsewhere than its drive was lost.
+fn is_displaced(feedback: &Feedback) -> bool {
+    let mut axes = feedback.axes().iter();
+    axes.any(|axis| axis.reference == Reference::Displaced as u32)
+}
+
 /// What a run waits for that does not go on by itself; none where it does, or ends.
 pub fn waits_for(feedback: &Feedback, restart: &Restart) -> Option<Hint> {
     let mode = Mode::from_wire(feedback.mode)?;
@@ -76,6 +88,11 @@ pub fn waits_for(feedback: &Feedback, restart: &Restart) -> Option<Hint> {
         Mode::Disabled if feedback.program != ProgramState::Running as u32 => {
             hint(OFF, &[Order::Enable], None)
         }
+        Mode::Disabled if is_displaced(feedback) => hint(
+            Some("an axis came back elsewhere than its drive was lost, see where it is"),
+            &[Order::Acknowledge, Order::Enable, Order::Resume],
+            Some(RETURNS),
+        ),
         Mode::Disabled => hint(OFF, &[Order::Enable, Order::Resume], None),
         Mode::Enabled if feedback.hold == 1 && !is_homed(feedback) => {
             let homed_first = Some("the machine is not homed");
@@ -153,6 +170,14 @@ mod tests {
             Some(
                 "the drives are off: `quadrant enable --cell c`, then `quadrant resume --cell c`; Ctrl-C ends the run"
             )
+        );
+        let mut displaced = feedback(Mode::Disabled, Cause::Displaced);
+        displaced.axis_count = 2;
+        displaced.axes[1].reference = Reference::Displaced as u32;
+        let hint = words(&displaced).expect("a hint");
+        assert!(
+            hint.contains("`quadrant alarms acknowledge --cell c`, then `quadrant enable"),
+            "{hint}"
         );
         let held = Feedback {
             hold: 1,

@@ -12,7 +12,8 @@ pub struct Fieldbus {
     #[schemars(extend("default" = "sm"))]
     pub sync: Sync,
     /// How long a drive goes on without a frame before it stops by itself (register 0420h): a few scans, so that a frame or two may be
-    /// late. In lockstep it is off.
+    /// late. After as long without an answer the controller counts on it no more, and an owner of the bus that hangs is replaced by its
+    /// standby after half of it. In lockstep the drives' own is off.
     #[schemars(extend("unit" = "ms", "minimum" = 1, "maximum" = 1000, "default" = 10))]
     pub watchdog_ms: u32,
     /// A second process stands by to take the bus over within a scan when the first one dies.
@@ -28,6 +29,21 @@ pub struct Fieldbus {
     /// The drive of the [spindle](../howto/spindle.md#a-spindle-drive-on-the-bus), where it has one on the bus.
     pub spindle: Option<SpindleDrive>,
 }
+
+impl Fieldbus {
+    /// Scans without a frame after which a drive has stopped by itself.
+    pub fn watchdog_scans(&self, period_us: u32) -> u32 {
+        (self.watchdog_ms * 1000).div_ceil(period_us.max(1))
+    }
+
+    /// Scans without an answer after which the owner of the bus hangs: early enough for its standby to send before the drives stop.
+    pub fn hang_scans(&self, period_us: u32) -> u32 {
+        (self.watchdog_scans(period_us) / 2).max(HANG_SCANS_MIN)
+    }
+}
+
+/// Fewer scans without an answer are no hang: a frame or two are late now and then.
+const HANG_SCANS_MIN: u32 = 3;
 
 /// The drive of the spindle: it keeps the speed that it is told in each scan.
 #[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
@@ -75,6 +91,10 @@ pub struct AxisDrive {
     /// Its place on the cable, from 0. Left out: drives are in the order of the axes.
     #[schemars(extend("minimum" = 0, "maximum" = 15))]
     pub slave: Option<u32>,
+    /// Which axis of it this is, where one drive has several: from 1. Objects of the second are 0x800 above those of the first, and so
+    /// on; the drive file, the same for all of them, has the entries of each in its process data.
+    #[schemars(extend("minimum" = 1, "maximum" = AXES_OF_DRIVE_MAX, "default" = 1))]
+    pub axis: u32,
     /// Bits of its digital inputs (object 60FD) that are digital inputs of the machine, from `first_input` on in this order. The drive
     /// file must have 60FD in its process data.
     #[schemars(length(max = 32), extend("default" = []), inner(range(min = 0, max = 31)))]
@@ -83,6 +103,9 @@ pub struct AxisDrive {
     #[schemars(extend("minimum" = 0, "maximum" = bus::sample::DIGITAL_INPUTS - 1, "default" = 0))]
     pub first_input: u32,
 }
+
+/// Most axes of a drive: so many have objects from 6000h to 9FFFh (ETG.6010).
+pub const AXES_OF_DRIVE_MAX: u32 = 8;
 
 impl AxisDrive {
     /// Its inputs that are inputs of the machine: bit of the drive, number at the machine.

@@ -237,6 +237,13 @@ impl Machine {
             .map_or(axis, |slave| slave as usize)
     }
 
+    /// Cycles in a row without an answer after which a device on the bus is lost: by then it has stopped by itself.
+    pub fn missed_cycles_max(&self) -> u32 {
+        let of_bus = self.bus.as_ref();
+        let of_bus = of_bus.map_or(u32::MAX, |bus| bus.watchdog_scans(self.scan.period_us));
+        self.scan.watchdog_scans.min(of_bus)
+    }
+
     /// What the service table needs to know of it.
     pub fn shape(&self) -> Shape {
         Shape {

@@ -21,6 +21,7 @@ mod axes;
 mod axis_unit;
 mod beginning;
 mod coupling;
+mod drive_place;
 mod emergency_stop;
 mod gantry;
 mod hand;

@@ -140,6 +140,8 @@ pub struct HomingLatches {
     pub offset: [i64; MAX_AXES],
     /// Axes that are homed, a bit each.
     pub homed: u64,
+    /// Axes that are not homed, whose drives are lost or came back elsewhere.
+    pub unsure: u64,
 }
 
 /// What the program asked last, and the answer.

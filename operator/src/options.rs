@@ -280,7 +280,8 @@ pub struct AlarmsOptions {
 /// What is done about alarms.
 #[derive(Debug, Clone, Subcommand)]
 pub enum AlarmsChangeOptions {
-    /// Acknowledge one, or all: what is over is not shown any more
+    /// Acknowledge one, or all: what is over is not shown any more, and an axis whose drive was lost and came back elsewhere is
+    /// taken to be where it shows
     Acknowledge {
         /// Its number [default: all]
         number: Option<u32>,

@@ -287,6 +287,10 @@ pub struct BusState {
     pub round_trip_us: Option<f64>,
     /// How much later than in the middle between two SYNC0 the last frame passed the reference clock, in µs.
     pub clock_offset_us: Option<f64>,
+    /// How far frames passed it from there on average since the bus started, in µs.
+    pub clock_offset_mean_us: Option<f64>,
+    /// The same, at most.
+    pub clock_offset_peak_us: Option<f64>,
     /// The slaves, in the order of the cable; none while cycles are not exchanged.
     pub slaves: Vec<SlaveState>,
     /// All of it in one line.

@@ -1,6 +1,6 @@
 //! Motions by hand over a bus: the command is exact in every scan, whatever loop the drives close.
 //!
-//! `CLICKS=100 cargo test --release --features ethercat --test ethercat -- by_hand --nocapture` for many.
+//! `CLICKS=100 cargo test --release --test ethercat -- by_hand --nocapture` for many.
 
 use std::fmt::Write as _;
 use std::fs;

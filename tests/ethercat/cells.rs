@@ -91,7 +91,10 @@ fn a_drive_that_vanishes_faults_or_loses_its_power_stops_the_others_in_that_scan
         return;
     };
     for (order, words) in [
-        ("enabled+900 drop 1", "drive does not answer, axis Y"),
+        (
+            "enabled+900 drop 1",
+            "look at its power, and at the cable in front of it), axis Y",
+        ),
         ("enabled+900 fault 0", "drive fault 1001h"),
         (
             "enabled+900 sto 2 on",

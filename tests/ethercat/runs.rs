@@ -65,10 +65,14 @@ pub struct Run<'a> {
 impl Run<'_> {
     /// Runs it in lockstep, to its end.
     pub fn run(&self, network: &Network) -> Done {
+        self.run_on(network, &machine(self.machine, self.drive))
+    }
+
+    /// The same on a machine that is there.
+    pub fn run_on(&self, network: &Network, machine: &tempfile::TempDir) -> Done {
         let mut options = vec!["--drives", "3"];
         options.extend(self.segment);
         let _segment = network.segment(&options);
-        let machine = machine(self.machine, self.drive);
         let program = circle(machine.path());
         let out = machine.path().join("run");
         let cell = crate::support::unique_cell();

@@ -14,7 +14,7 @@ use crate::support::{QUADRANT, root, unique_cell};
 /// The end of the cable that machines/xy-ethercat names.
 pub const MASTER: &str = "ecat-master";
 /// The other one.
-const DRIVES: &str = "ecat-drives";
+pub const DRIVES: &str = "ecat-drives";
 
 /// Segments share two processors: one at a time.
 static ONE: Mutex<()> = Mutex::new(());
@@ -152,6 +152,16 @@ impl Network {
 
     /// Starts a segment with these options of `segment.py`, in lockstep.
     pub fn segment(&self, options: &[&str]) -> Segment {
+        self.segment_of("--lockstep", "1", options)
+    }
+
+    /// Starts one whose drives run by their own clock.
+    pub fn live_segment(&self, options: &[&str]) -> Segment {
+        // Before the cell: a drive does not wait for the PC.
+        self.segment_of("--clock", "70", options)
+    }
+
+    fn segment_of(&self, pace: &str, priority: &str, options: &[&str]) -> Segment {
         let folder = tempfile::tempdir().expect("a folder");
         let record = folder.path().join("record.csv");
         let scripts = root().join("tests/foreign/ethercat");
@@ -160,7 +170,7 @@ impl Network {
         let first = first.is_ok_and(|first| first.status.success());
         let mut command = if first {
             let mut command = self.command("chrt");
-            command.args(["-f", "1"]).arg(&self.python);
+            command.args(["-f", priority]).arg(&self.python);
             command
         } else {
             self.command(&self.python)
@@ -168,7 +178,7 @@ impl Network {
         let mut child = command
             .current_dir(&scripts)
             .env("PYTHONDONTWRITEBYTECODE", "1")
-            .args(["segment.py", DRIVES, "--lockstep", "--record"])
+            .args(["segment.py", DRIVES, pace, "--record"])
             .arg(&record)
             .arg("--control")
             .arg(folder.path().join("control"))
@@ -232,6 +242,11 @@ impl Segment {
     /// Whether its drives have made steps already.
     pub fn is_driven(&self) -> bool {
         fs::metadata(&self.record).is_ok_and(|record| record.len() > 0)
+    }
+
+    /// Its record so far.
+    pub fn recorded(&self) -> String {
+        fs::read_to_string(&self.record).expect("the record")
     }
 
     /// Ends it; its record, a row for each step of a drive.

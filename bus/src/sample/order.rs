@@ -95,7 +95,7 @@ wire_enum! {
         SignalForce = 24 => "signal-force",
         /// A signal that is forced follows its source again.
         SignalRelease = 25 => "signal-release",
-        /// Alarms are acknowledged: the one of this number, or all (value 0).
+        /// Alarms are acknowledged: the one of this number, or all (value 0), and then that an axis whose drive came back elsewhere is there.
         Acknowledge = 26 => "acknowledge",
     }
     /// The word for it on the command line and in files.
@@ -202,6 +202,8 @@ wire_enum! {
         AlarmThere = 38 => "an alarm of the machine does not allow it (`quadrant alarms`)",
         /// The machine has no alarm of this number.
         UnknownAlarm = 39 => "the machine has no alarm of this number",
+        /// The drive of an axis was lost and came back elsewhere.
+        Displaced = 40 => "an axis came back elsewhere than its drive was lost (`quadrant status`): see where it is, then `quadrant alarms acknowledge`",
     }
     /// Why, and what would be right.
     pub fn words

@@ -4,7 +4,7 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 
 use crate::cia402::{DriveMode, OperatingMode, OptionCode};
-use crate::process_data::Pdo;
+use crate::process_data::{self, Pdo};
 
 /// The whole drive file.
 #[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
@@ -32,6 +32,22 @@ pub struct DriveFile {
     #[serde(rename = "sync_mode")]
     #[schemars(length(max = 16), extend("default" = []))]
     pub sync_modes: Vec<SyncMode>,
+}
+
+impl DriveFile {
+    /// The file as an axis of the drive sees it, from 0.
+    pub fn of_axis(&self, axis: u16) -> DriveFile {
+        let data = &self.process_data;
+        let process_data = ProcessData {
+            receive: process_data::of_axis(&data.receive, axis),
+            transmit: process_data::of_axis(&data.transmit, axis),
+            ..data.clone()
+        };
+        DriveFile {
+            process_data,
+            ..self.clone()
+        }
+    }
 }
 
 /// Which device this is.

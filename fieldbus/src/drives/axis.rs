@@ -1,9 +1,9 @@
 //! One drive: what it is sent and what it shows, in its own numbers and in those of the machine.
 
-use bus::drive_page::{Inputs, SlaveState, SlaveWiring};
+use bus::drive_codes::Silence;
+use bus::drive_page::{Inputs, SlaveWiring};
 use master::{DriveCommand, DriveFeedback, DriveState};
 
-use super::cia402_drives::operates;
 use super::homing::DriveHoming;
 use super::position_target::PositionTarget;
 use super::state_walk::{DeviceState, QUICK_STOP, StateWalk, Want};
@@ -173,7 +173,7 @@ impl DriveAxis {
         self.homing.restore(referenced);
     }
 
-    /// Writes what it is sent for a command, and what it is to be sent if no other comes.
+    /// Writes what it is sent for a command, and what it is to be sent if no other comes, where zeros are.
     pub fn command(
         &mut self,
         command: &DriveCommand,
@@ -185,7 +185,6 @@ impl DriveAxis {
             let from = usize::from(wiring.outputs_at);
             let to = from + usize::from(wiring.output_bytes);
             if let Some(own) = image.get_mut(from..to) {
-                own.fill(0);
                 write(own);
             }
         };
@@ -348,16 +347,12 @@ impl DriveAxis {
         }
     }
 
-    /// Takes what it showed in a cycle that was answered.
-    pub fn take(&mut self, inputs: &Inputs, wiring: &SlaveWiring, state: &SlaveState) {
-        if !operates(state) {
-            self.lose(state.al_status_code.into());
-            return;
-        }
+    /// Takes what it showed, in operation, in a cycle that was answered.
+    pub fn take(&mut self, inputs: &Inputs, wiring: &SlaveWiring) {
         let from = usize::from(wiring.inputs_at);
         let to = from + usize::from(wiring.input_bytes);
         let Some(own) = inputs.image.get(from..to) else {
-            self.lose(0);
+            self.lose(Silence::BusDown as u32);
             return;
         };
         self.missed = 0;
@@ -406,11 +401,11 @@ impl DriveAxis {
         };
     }
 
-    /// A cycle was not answered: the axis goes on as it was, for a few.
-    pub fn miss(&mut self) {
+    /// A cycle was not answered, for this reason: the axis goes on as it was, for a few.
+    pub fn miss(&mut self, silence: Silence) {
         self.missed = self.missed.saturating_add(1);
         if self.missed >= self.missed_max {
-            self.lose(0);
+            self.lose(silence as u32);
         } else {
             self.shown.motor_position_mm += self.shown.velocity_mm_s * self.scan_s;
         }

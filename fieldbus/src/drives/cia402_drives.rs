@@ -1,5 +1,6 @@
 //! All drives of a machine, behind the master's seam.
 
+use bus::drive_codes::{Silence, out_of_operation};
 use bus::drive_page::{Inputs, Outputs, SlaveState, SlaveWiring, Wiring};
 use bus::sample::{BusCycle, Levels, MAX_AXES, MAX_SUBSAMPLES};
 use bytemuck::Zeroable;
@@ -13,7 +14,7 @@ use super::axis::{DriveAxis, Moved};
 use super::signal_places::SignalPlaces;
 use super::signals::{DeviceSignals, TerminalSetup};
 use super::spindle::DrivenSpindle;
-use crate::drive_file::DriveFile;
+use crate::drive_file::{DriveFile, ProcessData};
 use crate::link::OPERATIONAL;
 
 /// What came of a cycle.
@@ -21,8 +22,10 @@ use crate::link::OPERATIONAL;
 pub enum WireAnswer {
     /// It was answered.
     Answered,
-    /// It was not, this time.
+    /// No frame came back, this time.
     Missed,
+    /// Nor did the process answer that carries it.
+    OwnerSilent,
     /// The bus is not in operation.
     Down,
 }
@@ -45,8 +48,12 @@ pub trait Wire {
 /// The drive of an axis, as its files describe it.
 #[derive(Debug, Clone)]
 pub struct DriveSetup {
-    /// Its drive file.
+    /// Its drive file, as this axis of the drive sees it (`DriveFile::of_axis`).
     pub drive: DriveFile,
+    /// What the whole drive exchanges.
+    pub device: ProcessData,
+    /// Which axis of the drive it is, from 0.
+    pub axis: u16,
     /// Its place on the cable, from 0.
     pub slave: usize,
     /// Following error that trips its axis, in increments of the drive.
@@ -94,6 +101,8 @@ pub struct Cia402Drives<W> {
     look_scans: u32,
     /// What came of the last exchange.
     answer: WireAnswer,
+    /// Late answers that had been counted when one came in time last.
+    late_before: u64,
     /// Scans in a row in which lost drives were to be switched on.
     wanted_scans: u32,
 }
@@ -113,7 +122,7 @@ impl<W: Wire> Cia402Drives<W> {
     /// The drives of this machine, each set up so; none if a drive file lacks what every mode needs.
     pub fn new(machine: &Machine, setups: &Setups, wire: W) -> Option<Cia402Drives<W>> {
         let scan_s = machine.scan_period_s();
-        let missed_max = machine.scan.watchdog_scans;
+        let missed_max = machine.missed_cycles_max();
         let axes: Option<Vec<Axis>> = machine
             .axes
             .iter()
@@ -144,6 +153,7 @@ impl<W: Wire> Cia402Drives<W> {
             start_again_scans: ((START_AGAIN_S / scan_s) as u32).max(1),
             look_scans: ((LOOK_S / scan_s) as u32).max(1),
             answer: WireAnswer::Down,
+            late_before: 0,
             wanted_scans: 0,
         };
         drives.look();
@@ -202,6 +212,7 @@ impl<W: Wire> Cia402Drives<W> {
 
     /// Writes what the drives are sent for these commands.
     fn command(&mut self, commands: &[DriveCommand]) {
+        self.outputs = Outputs::zeroed();
         for (axis, command) in self.axes.iter_mut().zip(commands) {
             let (wiring, _) = slave(&self.wire, &self.inputs, axis.slave);
             let (image, silent) = (&mut self.outputs.image, &mut self.outputs.silent);
@@ -221,14 +232,22 @@ impl<W: Wire> Cia402Drives<W> {
         let answer = self.wire.exchange(&self.outputs, &mut self.inputs);
         self.answer = answer;
         let sound = answer == WireAnswer::Answered && self.took_part();
+        if answer == WireAnswer::Answered {
+            self.late_before = self.inputs.counts.late;
+        }
+        let silence = self.silence();
         for (drive, place) in moved_mut(&mut self.axes, &mut self.spindle) {
             let (wiring, state) = slave(&self.wire, &self.inputs, place);
             match answer {
-                WireAnswer::Answered if sound || !operates(&state) => {
-                    drive.take(&self.inputs, &wiring, &state);
+                WireAnswer::Answered if !operates(&state) => drive.lose(match state.answered {
+                    1 => out_of_operation(state.al_status, state.al_status_code),
+                    _ => silence as u32,
+                }),
+                WireAnswer::Answered if sound => drive.take(&self.inputs, &wiring),
+                WireAnswer::Down => drive.lose(silence as u32),
+                WireAnswer::Answered | WireAnswer::Missed | WireAnswer::OwnerSilent => {
+                    drive.miss(silence);
                 }
-                WireAnswer::Answered | WireAnswer::Missed => drive.miss(),
-                WireAnswer::Down => drive.lose(0),
             }
         }
         let (axes, wiring) = (&self.axes, self.wire.wiring());
@@ -238,6 +257,20 @@ impl<W: Wire> Cia402Drives<W> {
         };
         let came = (answer, sound);
         self.signals.take(wiring, &self.inputs, came, is_lost);
+    }
+
+    /// Why a drive that is silent in this cycle is.
+    fn silence(&self) -> Silence {
+        let anybody = || self.inputs.slaves.iter().any(|of| of.answered == 1);
+        match self.answer {
+            WireAnswer::Down => Silence::BusDown,
+            WireAnswer::OwnerSilent => Silence::Owner,
+            WireAnswer::Answered if anybody() => Silence::Alone,
+            WireAnswer::Answered => Silence::Nobody,
+            WireAnswer::Missed if self.inputs.no_link == 1 => Silence::NoLink,
+            WireAnswer::Missed if self.inputs.counts.late > self.late_before => Silence::Late,
+            WireAnswer::Missed => Silence::Nobody,
+        }
     }
 
     /// Whether every slave that says it operates took part in the exchange of process data, by its working counter. Where one did not,
@@ -406,7 +439,7 @@ impl<W: Wire> Drives for Cia402Drives<W> {
             distributed_clocks: (wiring.reference_clock != 0).into(),
             slaves_operational: match self.answer {
                 WireAnswer::Down => 0,
-                WireAnswer::Answered | WireAnswer::Missed => operational as u32,
+                _ => operational as u32,
             },
             slave_count: wiring.slave_count,
             axis_count: self.axes.len() as u32,

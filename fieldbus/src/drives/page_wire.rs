@@ -94,7 +94,7 @@ impl PageWire {
             }
             let now = now_ns();
             if now >= until_ns {
-                return WireAnswer::Missed;
+                return WireAnswer::OwnerSilent;
             }
             // Without a launcher nobody else reports its death.
             if now >= look_ns && self.page.owner().is_none() {
@@ -118,12 +118,16 @@ impl Wire for PageWire {
         let cycle = self.cycle;
         self.cycle = self.cycle.saturating_add(1);
         self.page.request(cycle, outputs);
-        let answer = self.await_answer(cycle);
-        if answer != WireAnswer::Answered {
-            return answer;
-        }
-        self.page.inputs(cycle, inputs);
-        if inputs.answered == 1 {
+        let answered = match self.await_answer(cycle) {
+            WireAnswer::Answered => cycle,
+            // An owner whose frames do not come back waits for each of them about as long as is waited for it here.
+            WireAnswer::OwnerSilent if cycle > 0 && self.page.answered() == Some(cycle - 1) => {
+                cycle - 1
+            }
+            other => return other,
+        };
+        self.page.inputs(answered, inputs);
+        if inputs.answered == 1 && answered == cycle {
             WireAnswer::Answered
         } else {
             WireAnswer::Missed

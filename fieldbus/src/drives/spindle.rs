@@ -67,7 +67,7 @@ impl DrivenSpindle {
             has_brake: false,
         };
         Some(DrivenSpindle {
-            drive: DriveAxis::new(&setup.drive, moved, scan_s, machine.scan.watchdog_scans)?,
+            drive: DriveAxis::new(&setup.drive, moved, scan_s, machine.missed_cycles_max())?,
             slave: setup.slave,
             levels: Levels::default(),
             turns_s: 0.0,

@@ -74,11 +74,13 @@ impl Cycle {
         mut patient: impl FnMut() -> bool,
     ) -> &Inputs {
         self.inputs.answered = 0;
+        self.inputs.no_link = 0;
         let mut now = now_ns();
         let mut look_ns = now + WAIT_STEP_NS;
         while !self.take_all(number) {
             if now >= until_ns || now >= look_ns && !patient() {
                 self.inputs.counts.missed += 1;
+                self.inputs.no_link = u64::from(!self.socket.has_link());
                 break;
             }
             if now >= look_ns {
@@ -107,6 +109,9 @@ impl Cycle {
                 Received::Answer { clock_ns } => {
                     self.inputs.round_trip_ns = now_ns().saturating_sub(self.sent_at_ns);
                     self.inputs.clock_late_ns = clock_ns.map_or(0, |clock| self.late_ns(clock));
+                    if clock_ns.is_some() {
+                        self.inputs.counts.clock(self.inputs.clock_late_ns);
+                    }
                     let short = self.inputs.working_counter != self.expected;
                     self.inputs.counts.short += u64::from(short);
                     return true;

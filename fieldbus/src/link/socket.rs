@@ -153,6 +153,29 @@ impl Socket {
         }
     }
 
+    /// Whether the interface is up and has a link; a system call.
+    pub fn has_link(&self) -> bool {
+        // SAFETY: an all-zero request is a valid one.
+        let mut request: libc::ifreq = unsafe { std::mem::zeroed() };
+        let name = self.interface.bytes().take(libc::IFNAMSIZ - 1);
+        for (to, byte) in request.ifr_name.iter_mut().zip(name) {
+            *to = byte as libc::c_char;
+        }
+        // SAFETY: the request lives over the call and names an interface; the kernel fills the flags in.
+        let flags = unsafe {
+            match libc::ioctl(
+                self.socket.as_raw_fd(),
+                libc::SIOCGIFFLAGS,
+                &raw mut request,
+            ) {
+                0 => i32::from(request.ifr_ifru.ifru_flags),
+                _ => 0,
+            }
+        };
+        let both = libc::IFF_UP | libc::IFF_RUNNING;
+        flags & both == both
+    }
+
     /// Sends a frame.
     ///
     /// # Errors

@@ -63,7 +63,7 @@ impl Segment {
     fn start(process: &Process) -> anyhow::Result<Segment> {
         let socket = Rc::new(Socket::open(&process.plan.bus.interface)?);
         socket.ignore_own();
-        let wiring = start_up(&socket, &process.plan)?;
+        let wiring = start_up(&socket, &process.plan, &process.page.wiring())?;
         process.page.set_wiring(&wiring);
         let cycle = Cycle::new(socket, &wiring, process.period_ns, Counts::zeroed());
         let requested = process.page.requested();
@@ -120,10 +120,12 @@ impl<'a> Owner<'a> {
                 self.segment = Some(segment);
                 // It is the one that was asked for meanwhile.
                 process.page.take_start_again();
+                process.page.set_failure("");
                 process.page.set_state(BusState::Cycling);
                 Ok(())
             }
             Err(error) => {
+                process.page.set_failure(&error.to_string());
                 process.page.set_state(BusState::Down);
                 Err(error)
             }

@@ -15,11 +15,13 @@ use super::Process;
 use crate::link::{Cycle, Socket};
 
 /// Time between two looks at the socket, whose queue must not fill.
-const FOLLOW_EVERY: Duration = Duration::from_millis(2);
+const FOLLOW_EVERY: Duration = Duration::from_millis(1);
 /// Time between two looks whether it is time to leave.
 const LOOK_AROUND: Duration = Duration::from_millis(100);
-/// An owner that has not answered for so many scans hangs; in lockstep there is no clock but this one.
-const HANGS_SCANS: u32 = 20;
+/// Of the time between two looks no more than this counts against an owner that does not answer: where the whole PC stalled, it had none
+/// to answer in.
+const LOOK_COUNTS_MOST: Duration = Duration::from_millis(2);
+/// In lockstep there is no clock but this one: an owner that has not answered for so long hangs.
 const HANGS_IN_LOCKSTEP: Duration = Duration::from_secs(5);
 
 /// Whoever stands by.
@@ -27,8 +29,18 @@ pub(super) struct Standby<'a> {
     process: &'a Process,
     following: Option<(Wiring, Cycle)>,
     ready: bool,
-    /// While a cycle is open: the last one that was answered, and since when it is the last.
-    pending: Option<(Option<u64>, Instant)>,
+    /// While a cycle is open.
+    pending: Option<Pending>,
+}
+
+/// A cycle that is not answered yet.
+#[derive(Debug, Clone, Copy)]
+struct Pending {
+    /// The last one that was answered.
+    answered: Option<u64>,
+    /// How long it is open, as far as this process was awake.
+    open_for: Duration,
+    looked: Instant,
 }
 
 /// What a standby is to do.
@@ -121,15 +133,23 @@ impl<'a> Standby<'a> {
             return false;
         }
         let answered = page.answered();
-        let pending = self.pending.get_or_insert((answered, Instant::now()));
-        if pending.0 != answered {
-            *pending = (answered, Instant::now());
+        let begins = Pending {
+            answered,
+            open_for: Duration::ZERO,
+            looked: Instant::now(),
+        };
+        let pending = self.pending.get_or_insert(begins);
+        if pending.answered != answered {
+            *pending = begins;
         }
-        let (_, since) = *pending;
+        pending.open_for += pending.looked.elapsed().min(LOOK_COUNTS_MOST);
+        pending.looked = Instant::now();
         let limit = match self.process.member.slot.pace {
-            Pace::Realtime => Duration::from_nanos(self.process.period_ns) * HANGS_SCANS,
+            Pace::Realtime => {
+                Duration::from_nanos(self.process.period_ns) * self.process.hang_scans
+            }
             Pace::Lockstep => HANGS_IN_LOCKSTEP,
         };
-        since.elapsed() > limit
+        pending.open_for > limit
     }
 }

@@ -65,14 +65,37 @@ impl Signals {
         }))
     }
 
-    fn write(&self, talk: &mut Talk<'_, '_, '_>) -> Result<(), Error> {
+    /// Writes them and reads them back; what is held instead, where a register does not take them.
+    fn write(&self, talk: &mut Talk<'_, '_, '_>) -> Result<Option<String>, Error> {
         let Talk { driver, slave, .. } = talk;
         driver.run(slave.register_write::<u16>(ASSIGN_ACTIVATE, 0))?;
         driver.run(slave.register_write::<u64>(START_TIME, self.start_ns))?;
         driver.run(slave.register_write::<u32>(SYNC0_CYCLE, self.sync0_cycle_ns))?;
         driver.run(slave.register_write::<u32>(SYNC1_CYCLE, self.sync1_ns))?;
         driver.run(slave.register_write::<u16>(ASSIGN_ACTIVATE, self.assign_activate))?;
-        Ok(())
+        let held = [
+            (
+                ASSIGN_ACTIVATE,
+                driver
+                    .run(slave.register_read::<u16>(ASSIGN_ACTIVATE))?
+                    .into(),
+                self.assign_activate.into(),
+            ),
+            (
+                SYNC0_CYCLE,
+                driver.run(slave.register_read::<u32>(SYNC0_CYCLE))?,
+                self.sync0_cycle_ns,
+            ),
+            (
+                SYNC1_CYCLE,
+                driver.run(slave.register_read::<u32>(SYNC1_CYCLE))?,
+                self.sync1_ns,
+            ),
+        ];
+        let other = held.into_iter().find(|(_, holds, wanted)| holds != wanted);
+        Ok(other.map(|(register, holds, wanted)| {
+            format!("register {register:#06x} holds {holds:#x} after {wanted:#x} was written: another [[sync_mode]] of its drive file, or sync = \"sm\"")
+        }))
     }
 }
 
@@ -121,7 +144,11 @@ pub(super) fn set_clocks(
         let signals = Signals::of(&setup.drive, scan_ns, now_ns);
         let signals = signals.map_err(|what| talk.failed(STEP, what))?;
         let written = match signals {
-            Some(signals) if has_clock(&setup.slave) => signals.write(&mut talk),
+            Some(signals) if has_clock(&setup.slave) => match signals.write(&mut talk) {
+                Ok(Some(what)) => return Err(talk.failed(STEP, what)),
+                Ok(None) => Ok(()),
+                Err(error) => Err(error),
+            },
             Some(_) if !setup.drive.sync_modes.is_empty() => {
                 let what = "it has no distributed clocks: take [[sync_mode]] out of its drive file";
                 return Err(talk.failed(STEP, what));

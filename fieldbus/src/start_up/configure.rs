@@ -5,6 +5,7 @@ use super::objects::{Source, Talk, is_missing, words};
 use super::{DRIVE_FILE, FileWords, SegmentPlan, TERMINAL_FILE};
 use crate::cia402::{self, OptionCode};
 use crate::drive_file::{DriveFile, Mapping};
+use crate::drives::DriveSetup;
 use crate::process_data::Pdo;
 
 /// Divider of the watchdogs: (2498 + 2) · 40 ns = 100 µs (ETG.1000.4).
@@ -37,25 +38,35 @@ pub(super) fn configure(
         }
         return Ok(());
     }
-    let Some(setup) = plan.drive_at(place) else {
+    let Some(setup) = plan.drives_at(place).next() else {
         return Ok(());
     };
-    let drive = &setup.drive;
-    let data = &drive.process_data;
+    let (drive, data) = (&setup.drive, &setup.device);
     let received = (data.receive_mapping, data.receive.as_slice());
     let sent = (data.transmit_mapping, data.transmit.as_slice());
     map(talk, drive.mailbox.pdo_assign, [received, sent], DRIVE_FILE)?;
     for sdo in &drive.start_up.sdos {
         talk.set((sdo.index, sdo.sub), sdo.bits, sdo.value, Source::Sdo)?;
     }
-    judge_option_codes(talk)?;
-    set_interpolation_time(talk, drive, plan.period_us)?;
+    plan.drives_at(place)
+        .try_for_each(|setup| configure_axis(talk, setup, plan.period_us))
+}
+
+/// Writes what an axis of a drive needs.
+fn configure_axis(
+    talk: &mut Talk<'_, '_, '_>,
+    setup: &DriveSetup,
+    period_us: u32,
+) -> Result<(), StartUpError> {
+    let (drive, above) = (&setup.drive, setup.axis * cia402::OBJECTS_OF_AXIS);
+    judge_option_codes(talk, above)?;
+    set_interpolation_time(talk, drive, period_us, above)?;
     if drive.start_up.following_error_window {
         let window = setup.following_error_increments.into();
-        let object = (cia402::FOLLOWING_ERROR_WINDOW, 0);
+        let object = (cia402::FOLLOWING_ERROR_WINDOW + above, 0);
         talk.set(object, 32, window, Source::FollowingErrorWindow)?;
     }
-    set_mode(talk, drive)
+    set_mode(talk, drive, above)
 }
 
 /// Drives that hear nothing for so long stop by themselves.
@@ -210,10 +221,11 @@ fn compare(
 }
 
 /// No reaction may let the axis coast, whatever the files say: what the drive holds counts.
-fn judge_option_codes(talk: &mut Talk<'_, '_, '_>) -> Result<(), StartUpError> {
+fn judge_option_codes(talk: &mut Talk<'_, '_, '_>, above: u16) -> Result<(), StartUpError> {
     for code in OptionCode::ALL {
-        let step = format!("reading {}", cia402::named(code.index(), 0));
-        let value = match talk.read(code.index(), 0) {
+        let index = code.index() + above;
+        let step = format!("reading {}", cia402::named(index, 0));
+        let value = match talk.read(index, 0) {
             Ok(value) => value.signed(),
             Err(error) if is_missing(error) => continue,
             Err(error) => return Err(talk.failed(step, words(error))),
@@ -224,7 +236,7 @@ fn judge_option_codes(talk: &mut Talk<'_, '_, '_>) -> Result<(), StartUpError> {
                 "it is {value}: {}; have {} written to it, by an [[start_up.sdo]] of the drive file with index = 0x{:04X}, bits = 16, value = {}",
                 effect.words(),
                 code.braking(),
-                code.index(),
+                index,
                 code.braking()
             );
             return Err(talk.failed(step, what));
@@ -253,17 +265,18 @@ fn set_interpolation_time(
     talk: &mut Talk<'_, '_, '_>,
     drive: &DriveFile,
     period_us: u32,
+    above: u16,
 ) -> Result<(), StartUpError> {
-    const INDEX: u16 = cia402::INTERPOLATION_TIME;
+    let index = cia402::INTERPOLATION_TIME + above;
     let Some((mantissa, exponent)) = interpolation_time(period_us) else {
         return Ok(());
     };
     if drive.start_up.interpolation_time {
-        talk.set((INDEX, 1), 8, mantissa, Source::InterpolationTime)?;
-        return talk.set((INDEX, 2), 8, exponent, Source::InterpolationTime);
+        talk.set((index, 1), 8, mantissa, Source::InterpolationTime)?;
+        return talk.set((index, 2), 8, exponent, Source::InterpolationTime);
     }
     // It may be there, and something else.
-    let (Ok(found), Ok(power)) = (talk.read(INDEX, 1), talk.read(INDEX, 2)) else {
+    let (Ok(found), Ok(power)) = (talk.read(index, 1), talk.read(index, 2)) else {
         return Ok(());
     };
     let seconds = |mantissa: i64, exponent: i64| mantissa as f64 * 10_f64.powi(exponent as i32);
@@ -281,9 +294,13 @@ fn set_interpolation_time(
 }
 
 /// The mode is one that the drive has; where no cycle says it, it is written here.
-fn set_mode(talk: &mut Talk<'_, '_, '_>, drive: &DriveFile) -> Result<(), StartUpError> {
+fn set_mode(
+    talk: &mut Talk<'_, '_, '_>,
+    drive: &DriveFile,
+    above: u16,
+) -> Result<(), StartUpError> {
     let operate = drive.mode.operate;
-    if let Ok(supported) = talk.read(cia402::SUPPORTED_MODES, 0) {
+    if let Ok(supported) = talk.read(cia402::SUPPORTED_MODES + above, 0) {
         let modes = cia402::DriveMode::of(supported.value as i64);
         // A drive that names none does not tell.
         if !modes.is_empty() && !modes.contains(&operate.as_drive_mode()) {
@@ -298,7 +315,7 @@ fn set_mode(talk: &mut Talk<'_, '_, '_>, drive: &DriveFile) -> Result<(), StartU
     }
     let receive = &drive.process_data.receive;
     if crate::process_data::find(receive, cia402::MODE, 0).is_none() {
-        talk.set((cia402::MODE, 0), 8, operate.value(), Source::Mode)?;
+        talk.set((cia402::MODE + above, 0), 8, operate.value(), Source::Mode)?;
     }
     Ok(())
 }

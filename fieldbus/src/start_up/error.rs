@@ -22,10 +22,4 @@ impl StartUpError {
             "{interface}: no slave answers: is it the right interface, are the drives powered, and does the cable go into their IN port?"
         ))
     }
-
-    /// This program has no EtherCAT.
-    pub fn not_built() -> Self {
-        let build = "build it with `cargo build --release --features ethercat`";
-        StartUpError(format!("this quadrant was built without EtherCAT: {build}"))
-    }
 }

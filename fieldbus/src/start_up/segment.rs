@@ -22,11 +22,16 @@ use crate::link::Socket;
 /// Frames that bring the clocks together before anything is configured.
 const CLOCK_FRAMES: u32 = 2000;
 
-/// Brings a segment from wherever it is to OP; nothing is enabled. How it is wired.
+/// Brings a segment from wherever it is to OP; nothing is enabled. How it is wired. Where the cell has started it up before, it was wired
+/// like `before`.
 ///
 /// # Errors
 /// [`StartUpError`].
-pub fn start_up(socket: &Rc<Socket>, plan: &SegmentPlan) -> Result<Wiring, StartUpError> {
+pub fn start_up(
+    socket: &Rc<Socket>,
+    plan: &SegmentPlan,
+    before: &Wiring,
+) -> Result<Wiring, StartUpError> {
     let storage = Box::new(Storage::new());
     let of_drives = plan.drives.iter().map(|setup| setup.drive.mailbox);
     let terminals = plan.terminals.iter();
@@ -45,6 +50,7 @@ pub fn start_up(socket: &Rc<Socket>, plan: &SegmentPlan) -> Result<Wiring, Start
         .map(|slave| (slave.identity(), slave.name().to_string()))
         .collect();
     judge_slaves(plan, &identities)?;
+    judge_serials(plan, &identities, before)?;
     for (place, slave) in group.iter(&main).enumerate() {
         let mut talk = Talk {
             driver: &mut driver,
@@ -169,6 +175,35 @@ fn judge_slaves(
             plan.name(slave),
             shown(there.vendor_id, there.product_id, there.revision, name),
             shown(is.vendor, is.product_code, is.revision, &is.name)
+        )));
+    }
+    Ok(())
+}
+
+/// Whether the slaves are those of the start-up before, place by place: drives of the same kind that have changed their places would drive
+/// each other's axes.
+fn judge_serials(
+    plan: &SegmentPlan,
+    found: &[(SubDeviceIdentity, String)],
+    before: &Wiring,
+) -> Result<(), StartUpError> {
+    for (place, ((there, _), was)) in found.iter().zip(before.slaves()).enumerate() {
+        if there.serial == was.serial || there.serial == 0 || was.serial == 0 {
+            continue;
+        }
+        let mut places = (0..).zip(before.slaves());
+        let from = places.find(|(_, slave)| slave.serial == there.serial);
+        let remedy = match from {
+            Some((from, _)) => format!(
+                "it was at place {from} before: put the cables back as they were"
+            ),
+            None => "where it was exchanged, end the cell and begin anew (`quadrant down`, `quadrant up`)".into(),
+        };
+        return Err(StartUpError::others(format!(
+            "{}: a device with serial number {} is there, before it was one with {}: {remedy}",
+            plan.name(place),
+            there.serial,
+            was.serial
         )));
     }
     Ok(())

@@ -62,6 +62,7 @@ pub(super) fn read_wiring<'a, S: Deref<Target = SubDevice>>(
             inputs_at: inputs.at as u16,
             input_bytes: inputs.bytes as u16,
             working_counter: counter,
+            serial: slave.identity().serial,
         };
         wiring.working_counter += u32::from(counter);
         wiring.slave_count += 1;
@@ -117,7 +118,8 @@ fn judge_sizes(
     else {
         return Ok(());
     };
-    let of_drive = plan.drive_at(place).map(|setup| &setup.drive.process_data);
+    let of_drive = plan.drives_at(place).next();
+    let of_drive = of_drive.map(|setup| &setup.device);
     let of_drive = of_drive.map(|data| (&data.receive, &data.transmit));
     let of_terminal = plan
         .terminal_at(place)

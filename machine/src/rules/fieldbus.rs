@@ -103,9 +103,10 @@ fn judge_devices(
     }
 }
 
-pub fn judge(rules: &mut Rules<'_>, machine: &Machine) {
-    judge_inputs(rules, machine);
+/// Every axis has a drive, or an axis of one, where there is a bus; the places of those drives on the cable.
+fn judge_axes<'a>(rules: &mut Rules<'_>, machine: &'a Machine) -> Vec<(usize, &'a str)> {
     let mut taken: Vec<(usize, &str)> = Vec::new();
+    let mut drives: Vec<(usize, &AxisDrive, &str)> = Vec::new();
     for (index, axis) in machine.axes.iter().enumerate() {
         let at = Some((index, axis.name.as_str()));
         let Some(drive) = &axis.drive else {
@@ -124,14 +125,27 @@ pub fn judge(rules: &mut Rules<'_>, machine: &Machine) {
             rules.say(&["drive", "file"], at, &what);
         }
         let slave = machine.slave_of(index);
-        if let Some((_, other)) = taken.iter().find(|(taken, _)| *taken == slave) {
+        let mut others = drives.iter().filter(|(place, ..)| *place == slave);
+        if let Some((.., other)) = others.clone().find(|(_, of, _)| of.axis == drive.axis) {
             let what = format!(
-                "= {slave}: is the place of axis {other}: one drive, one axis (a drive of several axes is not driven yet)"
+                "= {slave}: is the place of axis {other}: where one drive has several axes, [axis.drive] axis = 2 is its second one"
             );
             rules.say(&["drive", "slave"], at, &what);
+        } else if let Some((.., other)) = others.find(|(_, of, _)| of.file != drive.file) {
+            let what = format!("must be the one of axis {other}, which is of the same drive");
+            rules.say(&["drive", "file"], at, &what);
         }
-        taken.push((slave, &axis.name));
+        if !taken.iter().any(|(taken, _)| *taken == slave) {
+            taken.push((slave, &axis.name));
+        }
+        drives.push((slave, drive, &axis.name));
     }
+    taken
+}
+
+pub fn judge(rules: &mut Rules<'_>, machine: &Machine) {
+    judge_inputs(rules, machine);
+    let mut taken = judge_axes(rules, machine);
     let Some(bus) = &machine.bus else {
         return;
     };

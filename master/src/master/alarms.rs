@@ -122,6 +122,9 @@ impl<D: Drives> Master<D> {
         let named = self.signals.alarms.named(number);
         self.signals
             .acknowledge(named.ok_or(Refused::UnknownAlarm)?);
+        if number == 0 {
+            self.axes.iter_mut().for_each(|axis| axis.place.confirm());
+        }
         Ok(())
     }
 }

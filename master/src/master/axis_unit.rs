@@ -9,6 +9,7 @@ use loops::guards::AxisGuards;
 use machine::{Axis, DriveMode, HomingMethod, Machine, PositionFeedback};
 
 use super::STANDSTILL_MM_S;
+use super::drive_place::DrivePlace;
 use super::hand::Hand;
 use super::sane::{Sane, guards};
 use super::servos::{Plan, Servos, Taken, Wanted};
@@ -28,6 +29,8 @@ pub(super) struct AxisUnit {
     /// The hand on it, and which controller drives it.
     pub hand: Hand,
     drive: DriveFeedback,
+    /// Where the drive shows an axis that is not homed.
+    pub place: DrivePlace,
     /// A brake that the controller opens and closes, and what the drive itself says of its state.
     brake: Option<HoldingBrake>,
     brake_state: HoldingBrakeState,
@@ -59,6 +62,10 @@ impl AxisUnit {
             settings: settings.clone(),
             path_axis: machine.path_axis(index),
             drive: DriveFeedback::default(),
+            place: DrivePlace::new(
+                settings,
+                f64::from(machine.missed_cycles_max()) * machine.scan_period_s(),
+            ),
             brake: HoldingBrake::new(settings, machine.scan_period_s()),
             brake_state: HoldingBrakeState::default(),
             own_state: DriveState::default(),
@@ -131,10 +138,16 @@ impl AxisUnit {
         match self.drive.state {
             DriveState::Fault { .. } => Cause::DriveFault,
             DriveState::Lost { .. } => Cause::DriveLost,
+            _ if self.is_displaced() => Cause::Displaced,
             DriveState::Off => Cause::DriveOff,
             DriveState::Ready if !self.may_be_driven() => Cause::NotReferenced,
             DriveState::Ready => Cause::None,
         }
+    }
+
+    /// Whether its drive came back elsewhere than it was lost, and nobody has looked since.
+    pub fn is_displaced(&self) -> bool {
+        self.place.displaced_mm().is_some()
     }
 
     /// Whether its drive knows its place, or the axis can be homed.
@@ -151,10 +164,17 @@ impl AxisUnit {
         if closed && drive.state == DriveState::Ready {
             self.drive.state = DriveState::Off;
         }
+        if self.settings.homing.is_none() {
+            self.place.take(&drive);
+        }
         self.judge_reference();
         match drive.state {
             DriveState::Fault { code } => self.fault_code = code,
             DriveState::Lost { code } if self.cause != Cause::DriveLost => self.fault_code = code,
+            _ if !drive.state.is_lost() && self.is_displaced() => {
+                let off_mm = self.place.displaced_mm().unwrap_or(0.0);
+                self.fault_code = libm::round(off_mm * 1e3) as i32 as u32;
+            }
             _ if matches!(
                 self.cause,
                 Cause::DriveFault | Cause::DriveLost | Cause::Skew | Cause::GantryTorque
@@ -374,10 +394,11 @@ impl AxisUnit {
     pub fn judge_reference(&mut self) {
         let keeps = match self.settings.homing.map(|homing| homing.method) {
             None => {
-                self.reference = if self.drive.referenced {
-                    Reference::Known
-                } else {
-                    Reference::Missing
+                self.reference = match self.drive.referenced {
+                    _ if self.drive.state.is_lost() => Reference::Unseen,
+                    _ if self.is_displaced() => Reference::Displaced,
+                    true => Reference::Known,
+                    false => Reference::Missing,
                 };
                 return;
             }

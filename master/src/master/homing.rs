@@ -178,6 +178,7 @@ impl Axes {
             *offset = axis.offset();
             let known = axis.reference() == Reference::Known;
             latches.homed |= u64::from(known) << index;
+            latches.unsure |= u64::from(axis.place.is_unsure()) << index;
         }
         latches
     }
@@ -186,6 +187,9 @@ impl Axes {
     pub(super) fn resume_homing(&mut self, latches: &HomingLatches) {
         let offsets = latches.offset.iter().enumerate();
         for ((index, offset), axis) in offsets.zip(self.iter_mut()) {
+            if latches.unsure >> index & 1 == 1 {
+                axis.place.doubt();
+            }
             let Some(homing) = axis.settings.homing else {
                 continue;
             };

@@ -303,6 +303,9 @@ impl<D: Drives> Master<D> {
 
     /// Every drive knows where its axis is, or the axis can be homed.
     fn must_be_referenced(&self) -> Result<(), Refusal> {
+        if self.axes.iter().any(AxisUnit::is_displaced) {
+            return Err(Refused::Displaced.into());
+        }
         if !self.axes.iter().all(AxisUnit::may_be_driven) {
             return Err(Refused::NotReferenced.into());
         }

@@ -84,6 +84,11 @@ class AmDrive:
         self.joint.power_cycle()
         self.assign_default()
 
+    def move(self, radians):
+        """Somebody turns it by hand."""
+        self.joint.q += radians
+        self.joint._sample_init()
+
     def lack(self, index):
         """It never had this object; a gap stands where it was mapped. Without 6060 it is in CSP."""
         self.lacking.add(index)

@@ -1,6 +1,6 @@
 """The slaves of a segment on one cable: which of them a frame reaches, in what order things happen, what is told of it."""
 
-from esc import OP, frame, is_process_data
+from esc import INIT, OP, frame, is_process_data
 from trouble import Troubles
 
 ENABLED, STATE = 0x27, 0x6F
@@ -43,6 +43,19 @@ class Segment:
         slave.application.power_cycle()
         slave.power_on()
         self.observe(slave, None, self.now_ns)
+
+    def exchange_places(self, one, other):
+        """Somebody puts the cables back in another order: the slaves were without power meanwhile."""
+        slaves = self.slaves
+        slaves[one], slaves[other] = slaves[other], slaves[one]
+        for place in (one, other):
+            slaves[place].position = place
+            self.power_cycle(slaves[place])
+        self.link()
+
+    def reset(self, slave):
+        """Somebody's tool sends it to INIT."""
+        slave.lose(INIT, 0, self.now_ns)
 
     def mute(self, milliseconds):
         """Frames do not arrive; in lockstep a time is a number of frames."""

@@ -7,6 +7,9 @@
     control.py PATH drop-after 40          # the cable before drive 0, after so many frames without process data: in a start-up
     control.py PATH registers 1 0x0980 2   # what lies there in the memory of slave 1, in hex
     control.py PATH power-cycle 1          # drive 1 is off and on again: INIT, its position as its model keeps it
+    control.py PATH away 1 0.5             # the same, and meanwhile somebody has turned it by so many radians
+    control.py PATH reset 1                # somebody's tool sends slave 1 to INIT
+    control.py PATH exchange 0 1           # these two are off, change places on the cable, and are on again
     control.py PATH fault 1 [CODE] | clear 1 | sto 1 on | sto 1 off
     control.py PATH input 3 0 off          # an input of the terminal at place 3
     control.py PATH outputs 3              # all that a terminal was sent, each change of it in hex
@@ -104,6 +107,16 @@ class Control:
 
     def on_power_cycle(self, position):
         self.segment.power_cycle(self.slave(position))
+
+    def on_away(self, position, radians):
+        self.slave(position).application.move(float(radians))
+        self.segment.power_cycle(self.slave(position))
+
+    def on_reset(self, position):
+        self.segment.reset(self.slave(position))
+
+    def on_exchange(self, one, other):
+        self.segment.exchange_places(int(one), int(other))
 
     def on_fault(self, position, code=hex(FAULT_OVERCURRENT)):
         self.slave(position).application.fault(int(code, 0))

@@ -1,5 +1,6 @@
 """The network interface: frames in the order in which they arrived, and the drives' own steps between them."""
 
+import errno
 import select
 import socket
 import struct
@@ -42,12 +43,19 @@ def send(port, answers):
             pass
 
 
+def nothing_came(error):
+    """Whether there is just no frame: none has come, or the cable is out. Another error is raised."""
+    return isinstance(error, (BlockingIOError, InterruptedError)) or error.errno == errno.ENETDOWN
+
+
 def received(port):
     """A frame, or None."""
     try:
         frame, source = port.recvfrom(2048)
-    except (BlockingIOError, InterruptedError):
-        return None
+    except OSError as error:
+        if nothing_came(error):
+            return None
+        raise
     return None if source[2] == PACKET_OUTGOING else frame
 
 
@@ -74,8 +82,10 @@ def received_with_time(port):
     """A frame and when the kernel got it, on the monotonic clock, or None."""
     try:
         frame, ancillary, _, source = port.recvmsg(2048, 64)
-    except (BlockingIOError, InterruptedError):
-        return None
+    except OSError as error:
+        if nothing_came(error):
+            return None
+        raise
     now_ns = time.monotonic_ns()
     arrived_ns = now_ns
     for level, kind, data in ancillary:

@@ -10,6 +10,9 @@ use super::state::rounded;
 /// The error bit of an AL status.
 const AL_ERROR: u16 = 0x10;
 
+/// State of a slave in operation.
+const OPERATES: &str = "OP";
+
 /// A slave in words.
 fn slave_words(slave: &Slave) -> String {
     if slave.answered != 1 {
@@ -33,6 +36,7 @@ pub fn of(page: &DrivePage, machine: &Machine) -> BusState {
         slave_count: wiring.slaves().len(),
         distributed_clocks: wiring.reference_clock != 0,
         inputs: page.newest_inputs(),
+        failure: page.failure(),
     };
     seen.told(machine)
 }
@@ -44,6 +48,8 @@ struct Seen {
     slave_count: usize,
     distributed_clocks: bool,
     inputs: Option<Inputs>,
+    /// Why the last start-up failed.
+    failure: String,
 }
 
 impl Seen {
@@ -55,14 +61,23 @@ impl Seen {
         let answered = now.filter(|inputs| inputs.answered == 1);
         let us = |ns: i64| rounded(ns as f64 * 1e-3, 3);
         let axis_at = |place: usize| {
-            let mut axes = machine.axes.iter().enumerate();
-            let found = axes.find(|(index, _)| machine.slave_of(*index) == place);
-            found.map(|(_, axis)| axis.name.clone())
+            let axes = machine.axes.iter().enumerate();
+            let there = axes.filter(|(index, _)| machine.slave_of(*index) == place);
+            let names: Vec<&str> = there.map(|(_, axis)| axis.name.as_str()).collect();
+            (!names.is_empty()).then(|| names.join(" "))
         };
         let slaves = now.and_then(|now| now.slaves.get(..self.slave_count));
         let slaves = slaves.unwrap_or_default().iter().enumerate();
+        let slaves: Vec<SlaveState> = slaves
+            .map(|(place, slave)| SlaveState {
+                place,
+                axis: axis_at(place),
+                al_state: slave_words(slave),
+                al_status_code: slave.al_status_code,
+            })
+            .collect();
         let mut told = BusState {
-            state: self.state.words().into(),
+            state: self.state_words(&slaves).into(),
             owner_pid: self.owner_pid,
             frames: counts.sent,
             missed: counts.missed,
@@ -74,34 +89,48 @@ impl Seen {
             clock_offset_us: answered
                 .filter(|_| self.distributed_clocks)
                 .map(|inputs| us(inputs.clock_late_ns)),
-            slaves: slaves
-                .map(|(place, slave)| SlaveState {
-                    place,
-                    axis: axis_at(place),
-                    al_state: slave_words(slave),
-                    al_status_code: slave.al_status_code,
-                })
-                .collect(),
+            clock_offset_mean_us: (counts.clocked > 0)
+                .then(|| us((counts.clock_off_sum_ns / counts.clocked) as i64)),
+            clock_offset_peak_us: (counts.clocked > 0).then(|| us(counts.clock_off_max_ns as i64)),
+            slaves,
             ..BusState::default()
         };
         told.summary = self.words(&told);
         let lost = counts.missed + counts.short;
-        told.alarm = match self.state {
-            Bus::Cycling if lost == 0 => None,
-            Bus::Cycling => Some(format!("{lost} bus cycles missed or short")),
-            _ => Some(format!("bus {}", told.state)),
+        let operates = told.slaves.iter().any(|slave| slave.al_state == OPERATES);
+        told.alarm = match operates {
+            true if lost == 0 => None,
+            true => Some(format!("{lost} bus cycles missed or short")),
+            false => Some(format!("bus {}", told.state)),
         };
         told
+    }
+
+    /// Where frames are exchanged, by how many slaves are in operation.
+    fn state_words(&self, slaves: &[SlaveState]) -> &'static str {
+        let operate = |slave: &SlaveState| slave.al_state == OPERATES;
+        match self.state {
+            Bus::Cycling if !slaves.iter().any(operate) => match self.inputs {
+                Some(inputs) if inputs.no_link == 1 => "without a link",
+                _ => "out of operation",
+            },
+            Bus::Cycling if !slaves.iter().all(operate) => "in operation in part",
+            state => state.words(),
+        }
     }
 
     /// In one line.
     fn words(&self, told: &BusState) -> String {
         let mut words = format!("bus {}", told.state);
+        if self.state == Bus::Down && !self.failure.is_empty() {
+            words += &format!(": {}", self.failure);
+        }
         if self.inputs.is_none() {
             return words;
         }
         if self.state == Bus::Cycling {
-            let operational = told.slaves.iter().filter(|slave| slave.al_state == "OP");
+            let operational = told.slaves.iter();
+            let operational = operational.filter(|slave| slave.al_state == OPERATES);
             let (operational, all) = (operational.count(), self.slave_count);
             words += &format!(", {operational} of {all} slaves in OP");
         }
@@ -110,6 +139,10 @@ impl Seen {
         }
         if let Some(us) = told.clock_offset_us {
             words += &format!(", clock offset {us:+.1} µs");
+            if let (Some(mean), Some(peak)) = (told.clock_offset_mean_us, told.clock_offset_peak_us)
+            {
+                words += &format!(" (mean {mean:.1}, peak {peak:.1})");
+            }
         }
         let (frames, missed, short) = (told.frames, told.missed, told.short);
         words + &format!(", {frames} frames, {missed} missed, {short} short")
@@ -137,6 +170,9 @@ pub mod tests {
             late: 4,
             foreign: 5,
             repeated: 6,
+            clocked: 10,
+            clock_off_sum_ns: 24_000,
+            clock_off_max_ns: 51_000,
         };
         for (slave, al_status) in inputs.slaves.iter_mut().zip([0x08, 0x14]) {
             slave.answered = 1;
@@ -148,6 +184,7 @@ pub mod tests {
             slave_count: 2,
             distributed_clocks: true,
             inputs: Some(inputs),
+            failure: String::new(),
         }
     }
 
@@ -162,7 +199,7 @@ pub mod tests {
         let told = |bus: &Seen| bus.told(&machine());
         assert_eq!(
             told(&bus).summary,
-            "bus in operation, 1 of 2 slaves in OP, round trip 85 µs, clock offset -1.2 µs, 1000 frames, 2 missed, 3 short"
+            "bus in operation in part, 1 of 2 slaves in OP, round trip 85 µs, clock offset -1.2 µs (mean 2.4, peak 51.0), 1000 frames, 2 missed, 3 short"
         );
         let slaves = told(&bus).slaves;
         let states: Vec<&str> = slaves.iter().map(|of| of.al_state.as_str()).collect();
@@ -175,7 +212,7 @@ pub mod tests {
         }
         assert_eq!(
             told(&bus).summary,
-            "bus in operation, 0 of 2 slaves in OP, 1000 frames, 2 missed, 3 short"
+            "bus out of operation, 0 of 2 slaves in OP, 1000 frames, 2 missed, 3 short"
         );
         assert_eq!(told(&bus).slaves[0].al_state, "no answer");
         bus.inputs = None;
@@ -206,5 +243,11 @@ pub mod tests {
         assert_eq!(alarm(&bus), None);
         bus.state = Bus::Down;
         assert_eq!(alarm(&bus).as_deref(), Some("bus down"));
+        bus.failure = "axis X: another device is there".into();
+        let told = bus.told(&machine());
+        assert!(
+            told.summary
+                .starts_with("bus down: axis X: another device is there, ")
+        );
     }
 }

@@ -22,7 +22,8 @@ export function show(status, tools) {
   $("show-signals").hidden = signals.length === 0;
   if ($("signals").open) $("signal-rows").replaceChildren(...signals.map(signal => row(signal, tools)));
   const alarms = status.alarms ?? [];
-  $("acknowledge").hidden = !alarms.some(alarm => !alarm.acknowledged);
+  const displaced = status.axes.some(axis => axis.reference === "came back elsewhere");
+  $("acknowledge").hidden = !displaced && !alarms.some(alarm => !alarm.acknowledged);
   const words = alarms.map(alarm =>
     `alarm ${alarm.number}, ${alarm.text}${alarm.remedy ? `: ${alarm.remedy}` : ""}${alarm.active ? "" : " (over, not acknowledged)"}`);
   const wired = signals.filter(signal => signal.forced || signal.lost).map(signal =>
