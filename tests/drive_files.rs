@@ -7,7 +7,7 @@ use std::process::Output;
 use crate::support::{quadrant, root};
 
 /// The ESI file of a vendor that does not exist: a drive in two revisions, and a module of inputs and outputs.
-const TESTOR: &str = "fieldbus/tests/drives/testor.xml";
+const TESTOR: &str = "esi/tests/drives/testor.xml";
 
 struct Printed {
     status: i32,

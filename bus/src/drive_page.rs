@@ -42,6 +42,8 @@ pub struct SlaveWiring {
     pub working_counter: u16,
     /// Its serial number; 0 of one that has none.
     pub serial: u32,
+    /// 1 if it had lost its power, or was reset, since somebody started it up before.
+    pub restarted: u32,
 }
 
 /// How a segment is wired: found at start-up, the same until the next.

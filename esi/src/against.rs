@@ -16,6 +16,7 @@ pub fn judge(rules: &mut Rules<'_>, drive: &DriveFile, esi: &Esi) {
     let Some(device) = same_device(rules, &drive.identity, esi) else {
         return;
     };
+    let device = with_its_modules(device, drive);
     for direction in directions(&drive.process_data) {
         judge_direction(rules, &direction, drive, device);
     }
@@ -25,6 +26,38 @@ pub fn judge(rules: &mut Rules<'_>, drive: &DriveFile, esi: &Esi) {
     judge_mailbox(rules, drive, device);
     judge_sync_managers(rules, drive, device);
     judge_sync_modes(rules, drive, device);
+}
+
+/// The device with the modules that a drive file was made for: those that have its PDOs.
+fn with_its_modules<'a>(device: &'a Device, drive: &DriveFile) -> &'a Device {
+    let data = &drive.process_data;
+    let has = |variant: &&Device| {
+        let receives = |pdo: &Pdo| variant.receive_pdo(pdo.index).is_some();
+        let transmits = |pdo: &Pdo| variant.transmit_pdo(pdo.index).is_some();
+        data.receive.iter().all(receives) && data.transmit.iter().all(transmits)
+    };
+    // Where several have PDOs of these numbers, it is the one whose module is written.
+    let modules = |device: &Device| -> Vec<(u16, u8, i64)> {
+        let commands = device.init_commands.iter();
+        let of_modules = commands.filter(|of| of.index == cia402::CONFIGURED_MODULES);
+        of_modules
+            .map(|of| (of.index, of.sub, of.value as i64))
+            .collect()
+    };
+    let writes = |variant: &&Device| {
+        let sdos = &drive.start_up.sdos;
+        modules(variant).iter().all(|wanted| {
+            let written = |sdo: &fieldbus::drive_file::Sdo| (sdo.index, sdo.sub, sdo.value);
+            sdos.iter().any(|sdo| written(sdo) == *wanted)
+        })
+    };
+    let variants = device.variants.iter();
+    let mut fitting = variants.filter(has);
+    fitting
+        .clone()
+        .find(writes)
+        .or(fitting.next())
+        .unwrap_or(device)
 }
 
 /// Judges a terminal file against an ESI file; where that has no such device, nothing else is said.

@@ -11,7 +11,7 @@ use super::{
 };
 
 /// What cannot be understood, and its line.
-type Wrong = (u32, String);
+pub(super) type Wrong = (u32, String);
 
 impl Device {
     /// Reads a device; its line is for the caller to set.
@@ -51,24 +51,30 @@ impl Device {
             init_commands: init_commands(node),
             dictionary: dictionary.map(Dictionary::read).unwrap_or_default(),
             modular: child(node, "Slots").is_some(),
+            variants: Vec::new(),
         })
     }
 }
 
 /// The profiles of a device, or of the channels of one with several.
-fn profiles<'a>(profile: Node<'a, 'a>) -> Vec<u32> {
+pub(super) fn profiles<'a>(profile: Node<'a, 'a>) -> Vec<u32> {
     let own = number_of::<u32>(profile, "ProfileNo");
     let channels = children(profile, "ChannelInfo");
     let channels = channels.filter_map(|channel| number_of::<u32>(channel, "ProfileNo"));
     own.into_iter().chain(channels).collect()
 }
 
-fn pdo<'a>(node: Node<'a, 'a>) -> Result<Pdo, Wrong> {
+pub(super) fn pdo<'a>(node: Node<'a, 'a>) -> Result<Pdo, Wrong> {
     let index = number_of::<u16>(node, "Index").ok_or_else(|| {
         let what = "a PDO without an index: <Index> must be a number such as #x1600";
         (line(node), what.to_string())
     })?;
-    let entries = children(node, "Entry").map(|entry| {
+    // What can be mapped and is not may stand there as an entry without a size.
+    let is_there = |entry: &Node<'_, '_>| {
+        let is_gap = number_of::<u16>(*entry, "Index").unwrap_or(0) == 0;
+        !is_gap || number_of::<u32>(*entry, "BitLen") != Some(0)
+    };
+    let entries = children(node, "Entry").filter(is_there).map(|entry| {
         let wrong = |what: &str| {
             (
                 line(entry),

@@ -64,6 +64,21 @@ impl Dictionary {
         subs.next_back().map(|((_, sub), _)| *sub)
     }
 
+    /// The objects by other indices, those that have none left out.
+    pub(super) fn moved(&self, to: impl Fn(u16) -> Option<u16>) -> Dictionary {
+        let all = self.objects.iter();
+        let moved =
+            all.filter_map(|((index, sub), object)| Some(((to(*index)?, *sub), object.clone())));
+        Dictionary {
+            objects: moved.collect(),
+        }
+    }
+
+    /// Takes the objects of another one too.
+    pub(super) fn add_all(&mut self, other: Dictionary) {
+        self.objects.extend(other.objects);
+    }
+
     /// Reads `Dictionary`. Objects that cannot be understood are left out.
     pub(super) fn read<'a>(node: Node<'a, 'a>) -> Dictionary {
         let mut types = BTreeMap::new();
@@ -97,7 +112,10 @@ impl Dictionary {
                 ..Object::default()
             };
             object.take_flags(node);
-            if let Some(info) = child(node, "Info") {
+            // Some files have the values of a plain object one level further down.
+            let info = child(node, "Info");
+            let nested = info.and_then(|info| at(info, &["SubItem", "Info"]));
+            if let Some(info) = nested.or(info) {
                 object.take_values(info, is_signed(type_name));
             }
             self.objects.insert((index, 0), object);

@@ -22,6 +22,8 @@ const TIMEOUT_MAX_MS: u32 = 600_000;
 pub struct Made {
     /// What it says.
     pub drive: DriveFile,
+    /// Of how many of its axes the process data are.
+    pub axes: u16,
     /// What the controller can do without, or what may not be meant so; a line each.
     pub warnings: Vec<String>,
 }
@@ -58,11 +60,42 @@ pub(crate) fn identity_of(esi: &Esi, device: &Device) -> Identity {
     }
 }
 
-/// Makes a drive file of a device; without a mode, of the first in [`OperatingMode::ALL`] that it can be driven in.
+/// Makes a drive file of a device, with the process data of so many of its axes, or of all that its slots must have; without a mode, of the first in [`OperatingMode::ALL`] that it can be driven in.
 ///
 /// # Errors
 /// The drive cannot be driven, or not in this mode.
-pub fn from_esi(esi: &Esi, device: &Device, mode: Option<OperatingMode>) -> Result<Made, NotMade> {
+pub fn from_esi(
+    esi: &Esi,
+    device: &Device,
+    mode: Option<OperatingMode>,
+    axes: Option<u16>,
+) -> Result<Made, NotMade> {
+    let variants = device.variants.iter().chain(std::iter::once(device));
+    let (mut most, mut why_not): (Option<Made>, Option<NotMade>) = (None, None);
+    for variant in variants {
+        match from_device(esi, variant, mode) {
+            Ok(made) if made.axes >= axes.unwrap_or(variant.axes()) => return Ok(made),
+            Ok(made) => {
+                if most.as_ref().is_none_or(|most| made.axes > most.axes) {
+                    most = Some(made);
+                }
+            }
+            Err(why) => drop(why_not.get_or_insert(why)),
+        }
+    }
+    match (most, axes, why_not) {
+        (Some(made), None, _) => Ok(made),
+        (Some(made), Some(axes), _) => {
+            let (there, word) = (made.axes, made.drive.mode.operate.word());
+            let what = format!("{there} of its axes can be driven in {word}, not {axes}");
+            Err(NotMade::of(esi, device, what))
+        }
+        (None, _, Some(why)) => Err(why),
+        (None, _, None) => Err(NotMade::of(esi, device, "is no CiA 402 drive".into())),
+    }
+}
+
+fn from_device(esi: &Esi, device: &Device, mode: Option<OperatingMode>) -> Result<Made, NotMade> {
     let not_made = |what: String| NotMade::of(esi, device, what);
     if !device.is_drive() {
         return Err(not_made("is no CiA 402 drive".into()));
@@ -72,7 +105,9 @@ pub fn from_esi(esi: &Esi, device: &Device, mode: Option<OperatingMode>) -> Resu
             "has no mailbox with CoE, through which a drive is set up".into(),
         ));
     };
-    let (mode, receive, transmit) = choose(device, mode).map_err(not_made)?;
+    let first = device.of_axis(0);
+    let (mode, mut receive, mut transmit) = choose(&first, mode).map_err(not_made)?;
+    let axes = with_more_axes(device, mode, [&mut receive, &mut transmit]);
     let cyclic = process_data::find(&receive.pdos, cia402::MODE, 0).is_some();
     if !cyclic && !device.dictionary.is_empty() && !device.dictionary.writes(cia402::MODE, 0) {
         let what = "cannot be told its mode of operation (6060), which neither its PDOs nor its dictionary has: is it the boot loader of a \
@@ -107,20 +142,86 @@ pub fn from_esi(esi: &Esi, device: &Device, mode: Option<OperatingMode>) -> Resu
         sync_managers: device.sync_managers.iter().map(sync_manager).collect(),
         sync_modes: device.sync_modes.iter().map(sync_mode).collect(),
     };
-    drive.start_up.sdos = start_up(device, &drive);
+    drive.start_up.sdos = start_up(&first, &drive);
+    for axis in 1..axes {
+        let more = start_up_of(device, &drive, axis);
+        drive.start_up.sdos.extend(more);
+    }
     let mut warnings = rules::warnings(&drive);
-    warnings.extend(other_axes(device));
-    Ok(Made { drive, warnings })
+    warnings.extend(words_of_axes(device.axes(), axes));
+    Ok(Made {
+        drive,
+        axes,
+        warnings,
+    })
 }
 
-/// Axes of the device that the drive file does not speak of.
-fn other_axes(device: &Device) -> Option<String> {
-    let channels = device.profiles.iter();
-    let axes = channels
-        .filter(|profile| **profile == cia402::PROFILE)
-        .count();
-    let what = "the drive file is of the first alone, whose objects are 6000 to 67FF";
-    (axes > 1).then(|| format!("{axes} axes on one device: {what}"))
+/// How many of a device's axes a drive file has.
+fn words_of_axes(device_axes: u16, axes: u16) -> Option<String> {
+    let what = match axes {
+        _ if device_axes > axes => {
+            format!("the drive file has the process data of the first {axes} alone")
+        }
+        1 => return None,
+        _ => "in the machine file [axis.drive] axis = 2 is the second one".into(),
+    };
+    Some(format!("{device_axes} axes on one device: {what}"))
+}
+
+/// What to write before operation for a further axis.
+fn start_up_of(device: &Device, drive: &DriveFile, axis: u16) -> Vec<Sdo> {
+    let of_axis = start_up(&device.of_axis(axis), &drive.of_axis(axis));
+    let own = of_axis
+        .into_iter()
+        .filter(|sdo| cia402::of_axis(sdo.index).is_some());
+    let own = own.map(|sdo| Sdo {
+        index: cia402::on_axis(sdo.index, axis),
+        ..sdo
+    });
+    own.collect()
+}
+
+/// Takes the process data of all axes that can be driven in a mode, to those of the first; how many there are then.
+fn with_more_axes(device: &Device, mode: OperatingMode, sides: [&mut Side; 2]) -> u16 {
+    let [receive, transmit] = sides;
+    let axes = add_axes(device, mode, mapping::choose, [receive, transmit]);
+    let first = device.of_axis(0);
+    // Entries of our own may have room in PDOs of the first axis alone.
+    let fixed = mapping::choose_fixed(&first, mode).filter(|_| axes < device.axes());
+    let Some((mut fixed_receive, mut fixed_transmit)) = fixed else {
+        return axes;
+    };
+    let fixed_sides = [&mut fixed_receive, &mut fixed_transmit];
+    let more = add_axes(device, mode, mapping::choose_fixed, fixed_sides);
+    if more > axes {
+        (*receive, *transmit) = (fixed_receive, fixed_transmit);
+    }
+    axes.max(more)
+}
+
+/// Adds the process data of further axes, as far as they can be driven in this mode too; how many there are then.
+fn add_axes(
+    device: &Device,
+    mode: OperatingMode,
+    choose: impl Fn(&Device, OperatingMode) -> Option<(Side, Side)>,
+    sides: [&mut Side; 2],
+) -> u16 {
+    let [receive, transmit] = sides;
+    let mut axes = 1;
+    for axis in 1..device.axes() {
+        let Some((more_receive, more_transmit)) = choose(&device.of_axis(axis), mode) else {
+            break;
+        };
+        let same =
+            (more_receive.mapping, more_transmit.mapping) == (receive.mapping, transmit.mapping);
+        if !same {
+            break;
+        }
+        receive.add(more_receive, axis);
+        transmit.add(more_transmit, axis);
+        axes += 1;
+    }
+    axes
 }
 
 pub(crate) fn mailbox_of(mailbox: &crate::Mailbox) -> Mailbox {

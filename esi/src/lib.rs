@@ -5,12 +5,14 @@
 //! [`judge()`] and [`judge_terminal()`] hold such a file against one.
 
 mod against;
+mod axes;
 mod choose;
 mod device;
 mod dictionary;
 mod error;
 mod from_esi;
 mod mapping;
+mod modules;
 mod number;
 mod terminal;
 mod text;
@@ -31,6 +33,7 @@ use std::path::Path;
 use roxmltree::{Document, ParsingOptions};
 
 use fieldbus::cia402;
+use modules::Modules;
 use xml::{at, children, english, line, number_of};
 
 /// Most elements, attributes and texts of a file; the largest known have a tenth of it.
@@ -80,6 +83,9 @@ pub struct Device {
     pub dictionary: Dictionary,
     /// Whether it is made up of modules whose process data stands elsewhere.
     pub modular: bool,
+    /// What it is with each of the modules that fit into its first slot; empty of a device without slots, and of one whose modules the
+    /// file does not have.
+    pub variants: Vec<Device>,
 }
 
 /// A process data object of a device.
@@ -241,11 +247,14 @@ impl Esi {
         // Some files have hundreds of devices: lines are counted once.
         let ends: Vec<usize> = text.match_indices('\n').map(|(at, _)| at).collect();
         let mut devices = Vec::new();
+        let modules = Modules::read(root);
         if let Some(list) = at(root, &["Descriptions", "Devices"]) {
             for node in children(list, "Device") {
                 let mut device = Device::read(node).map_err(|(line, what)| wrong(line, what))?;
                 let before = ends.partition_point(|end| *end < node.range().start);
                 device.line = u32::try_from(before + 1).unwrap_or(u32::MAX);
+                let variants = modules.variants(&device, node);
+                device.variants = variants.map_err(|(line, what)| wrong(line, what))?;
                 devices.push(device);
             }
         }
@@ -265,7 +274,8 @@ impl Device {
             let mut entries = pdos.iter().flat_map(|pdo| &pdo.entries);
             entries.any(|entry| (entry.index, entry.sub, entry.bits) == (index, 0, 16))
         };
-        self.profiles.contains(&cia402::PROFILE)
+        self.variants.iter().any(Device::is_drive)
+            || self.profiles.contains(&cia402::PROFILE)
             || (holds(&self.receive, cia402::CONTROLWORD)
                 && holds(&self.transmit, cia402::STATUSWORD))
     }

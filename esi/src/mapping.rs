@@ -14,6 +14,27 @@ pub struct Side {
     pub pdos: Vec<Pdo>,
 }
 
+impl Side {
+    /// Takes the PDOs of another axis too; where one PDO is of both, its entries are.
+    pub fn add(&mut self, other: Side, axis: u16) {
+        for mut pdo in other.pdos {
+            for entry in &mut pdo.entries {
+                entry.index = cia402::on_axis(entry.index, axis);
+            }
+            match self.pdos.iter_mut().find(|own| own.index == pdo.index) {
+                None => self.pdos.push(pdo),
+                Some(own) => {
+                    for (own, entry) in own.entries.iter_mut().zip(pdo.entries) {
+                        if own.is_gap() {
+                            *own = entry;
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
+
 /// One direction of a device: what it offers, and what a mode wants of it.
 struct Offer<'a> {
     device: &'a Device,
@@ -67,6 +88,19 @@ fn can_be_assigned(device: &Device, pdo: &EsiPdo) -> bool {
 
 /// The process data for a mode, to the drive and from it; `None` where the drive cannot hold what the mode needs.
 pub fn choose(device: &Device, mode: OperatingMode) -> Option<(Side, Side)> {
+    choose_by(device, mode, |offer| offer.best())
+}
+
+/// The same of PDOs as the drive has them.
+pub fn choose_fixed(device: &Device, mode: OperatingMode) -> Option<(Side, Side)> {
+    choose_by(device, mode, |offer| offer.fixed())
+}
+
+fn choose_by(
+    device: &Device,
+    mode: OperatingMode,
+    side: impl Fn(&Offer<'_>) -> Option<Side>,
+) -> Option<(Side, Side)> {
     let receive = Offer {
         device,
         receives: true,
@@ -79,7 +113,20 @@ pub fn choose(device: &Device, mode: OperatingMode) -> Option<(Side, Side)> {
         needed: mode.transmit_needed(),
         wanted: mode.transmit_wanted(),
     };
-    Some((receive.best()?, transmit.best()?))
+    Some((side(&receive)?, side(&transmit)?))
+}
+
+/// Whether a PDO has an object.
+fn has(pdo: &EsiPdo, object: u16) -> bool {
+    let mut entries = pdo.entries.iter();
+    entries.any(|entry| (entry.index, entry.sub) == (object, 0))
+}
+
+/// Whether two PDOs can be exchanged side by side, without an object that is in both.
+fn go_together(one: &EsiPdo, other: &EsiPdo) -> bool {
+    let excluded = one.excludes.contains(&other.index) || other.excludes.contains(&one.index);
+    let mut shared = one.entries.iter().filter(|entry| entry.index != 0);
+    !excluded && !shared.any(|entry| has(other, entry.index))
 }
 
 impl Offer<'_> {
@@ -116,7 +163,7 @@ impl Offer<'_> {
             .iter()
             .filter(|pdo| can_be_assigned(self.device, pdo));
         let single = single.map(|pdo| vec![self.as_it_is(pdo)]);
-        let candidates = std::iter::once(from_factory).chain(single);
+        let candidates = [from_factory, self.combined()].into_iter().chain(single);
         let good = candidates.filter(|pdos| process_data::missing(pdos, self.needed).is_empty());
         let pdos = good.min_by_key(|pdos| {
             let lacking = self.wanted.len() - self.held(pdos);
@@ -126,6 +173,42 @@ impl Offer<'_> {
             mapping: Mapping::Fixed,
             pdos,
         })
+    }
+
+    /// Where PDOs can be chosen: those from the factory, and for each object that is lacking the smallest one that has it and goes with
+    /// them.
+    fn combined(&self) -> Vec<Pdo> {
+        let all = self.pdos();
+        let mut chosen: Vec<&EsiPdo> = all
+            .iter()
+            .filter(|pdo| pdo.sync_manager.is_some())
+            .collect();
+        if !self
+            .device
+            .mailbox
+            .is_some_and(|mailbox| mailbox.pdo_assign)
+        {
+            return Vec::new();
+        }
+        let assign = match self.receives {
+            true => cia402::RECEIVE_ASSIGN,
+            false => cia402::TRANSMIT_ASSIGN,
+        };
+        let most = entries_max(self.device, assign).unwrap_or(u32::MAX) as usize;
+        for object in self.needed.iter().chain(self.wanted) {
+            if chosen.len() >= most || chosen.iter().any(|pdo| has(pdo, *object)) {
+                continue;
+            }
+            let fits = |pdo: &&EsiPdo| {
+                has(pdo, *object) && chosen.iter().all(|other| go_together(pdo, other))
+            };
+            let bits = |pdo: &&EsiPdo| {
+                let entries = pdo.entries.iter();
+                entries.fold(0_u32, |bits, entry| bits.saturating_add(entry.bits))
+            };
+            chosen.extend(all.iter().filter(fits).min_by_key(bits));
+        }
+        chosen.into_iter().map(|pdo| self.as_it_is(pdo)).collect()
     }
 
     fn as_it_is(&self, pdo: &EsiPdo) -> Pdo {

@@ -16,6 +16,9 @@ pub const OBJECTS_OF_AXIS: u16 = 0x800;
 /// Where the objects of the first axis begin, and where those of the last one end.
 const OBJECTS_OF_AXES: std::ops::Range<u16> = 0x6000..0xA000;
 
+/// Which modules are in the slots of a modular device (ETG.5001): what it exchanges follows from them.
+pub const CONFIGURED_MODULES: u16 = 0xF030;
+
 /// Abort connection option code: what the drive does when the bus falls silent.
 pub const ABORT_CONNECTION: u16 = 0x6007;
 /// Code of the last fault.
@@ -149,6 +152,14 @@ pub fn of_axis(index: u16) -> Option<(u16, u16)> {
         above / OBJECTS_OF_AXIS,
         OBJECTS_OF_AXES.start + above % OBJECTS_OF_AXIS,
     ))
+}
+
+/// The object of an axis of a drive, from 0, that an object of the first one is; others are the same for all.
+pub fn on_axis(index: u16, axis: u16) -> u16 {
+    match of_axis(index) {
+        Some((0, index)) => index + axis * OBJECTS_OF_AXIS,
+        _ => index,
+    }
 }
 
 /// An object by its number: `6040`, `60C2:1`.

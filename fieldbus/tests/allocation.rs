@@ -60,6 +60,7 @@ impl Loop {
         for (place, slave) in (0..SLAVES).zip(&mut wiring.slaves) {
             *slave = SlaveWiring {
                 serial: 0,
+                restarted: 0,
                 address: 0x1000 + place,
                 outputs_at: SLAVES * INPUT_BYTES + place * OUTPUT_BYTES,
                 output_bytes: OUTPUT_BYTES,

@@ -146,6 +146,7 @@ impl Segment {
             let is_spindle = place == AXES;
             *slave = SlaveWiring {
                 serial: 0,
+                restarted: 0,
                 address: 0x1000 + place,
                 inputs_at: place * axis_in,
                 input_bytes: if is_spindle { IN_BYTES } else { axis_in },

@@ -136,6 +136,8 @@ pub struct DriveFeedback {
     /// Position of the motor encoder, in mm of travel, that was latched at its index, if the index passed in the scan that ended: what
     /// the touch-probe unit of a drive latches at the zero impulse (CiA 402 objects 60B8h and 60BAh).
     pub index_mm: Option<f64>,
+    /// It was without power, or reset, before the bus was started up last: where it is, it may believe only.
+    pub restarted: bool,
     /// Whether it follows commands.
     pub state: DriveState,
 }

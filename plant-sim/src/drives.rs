@@ -307,6 +307,7 @@ impl Drives for SimulatedDrives {
         };
         let simulation = &axis.simulation;
         DriveFeedback {
+            restarted: false,
             motor_position_mm: axis.homing.shown_mm(simulation),
             scale_position_mm: simulation.scale_position_mm(),
             velocity_mm_s: simulation.velocity_mm_s(),

@@ -44,7 +44,7 @@ fn make(options: &DriveFileOptions) -> Outcome {
         .mode
         .as_deref()
         .and_then(|word| modes.find(|mode| mode.word() == word));
-    let made = esi::from_esi(&esi, device, mode).input()?;
+    let made = esi::from_esi(&esi, device, mode, options.axes).input()?;
     let path = written(&options.of, "drives", device);
     write_new(&path, &esi::write(&made.drive, device))?;
     let shown = path.display();

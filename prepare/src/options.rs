@@ -89,6 +89,9 @@ pub struct DriveFileOptions {
     /// Mode of operation [default: the first of these that the drive can be driven in]; the last two are for spindles alone
     #[arg(long, value_parser = ["csv", "cst", "csp", "profile-velocity", "velocity"])]
     pub mode: Option<String>,
+    /// How many axes of the drive are in the file, where it has several [default: those that it cannot be without]
+    #[arg(long, value_name = "COUNT", value_parser = clap::value_parser!(u16).range(1..=8))]
+    pub axes: Option<u16>,
 }
 
 /// What names a device of an ESI file, and the file that is made of it.

@@ -393,6 +393,7 @@ impl DriveAxis {
             torque_limited: statusword & LIMIT_ACTIVE != 0,
             referenced: self.homing.is_referenced(),
             index_mm: None,
+            restarted: wiring.restarted == 1,
             state: match self.device {
                 DeviceState::OperationEnabled if in_mode => DriveState::Ready,
                 DeviceState::Fault | DeviceState::FaultReaction => DriveState::Fault { code },

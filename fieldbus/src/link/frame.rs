@@ -292,6 +292,7 @@ mod tests {
         for (index, slave) in wiring.slaves.iter_mut().take(2).enumerate() {
             *slave = SlaveWiring {
                 serial: 0,
+                restarted: 0,
                 address: 0x1001 + index as u16,
                 outputs_at: 6 + 3 * index as u16,
                 output_bytes: 3,

@@ -4,7 +4,7 @@ use super::error::StartUpError;
 use super::objects::{Source, Talk, is_missing, words};
 use super::{DRIVE_FILE, FileWords, SegmentPlan, TERMINAL_FILE};
 use crate::cia402::{self, OptionCode};
-use crate::drive_file::{DriveFile, Mapping};
+use crate::drive_file::{DriveFile, Mapping, Sdo};
 use crate::drives::DriveSetup;
 use crate::process_data::Pdo;
 
@@ -44,9 +44,18 @@ pub(super) fn configure(
     let (drive, data) = (&setup.drive, &setup.device);
     let received = (data.receive_mapping, data.receive.as_slice());
     let sent = (data.transmit_mapping, data.transmit.as_slice());
+    // Which objects there are follows from the modules.
+    let of_modules = |sdo: &&Sdo| sdo.index == cia402::CONFIGURED_MODULES;
+    let write = |sdo: &Sdo, talk: &mut Talk<'_, '_, '_>| {
+        talk.set((sdo.index, sdo.sub), sdo.bits, sdo.value, Source::Sdo)
+    };
+    let sdos = &drive.start_up.sdos;
+    for sdo in sdos.iter().filter(of_modules) {
+        write(sdo, talk)?;
+    }
     map(talk, drive.mailbox.pdo_assign, [received, sent], DRIVE_FILE)?;
-    for sdo in &drive.start_up.sdos {
-        talk.set((sdo.index, sdo.sub), sdo.bits, sdo.value, Source::Sdo)?;
+    for sdo in sdos.iter().filter(|sdo| !of_modules(sdo)) {
+        write(sdo, talk)?;
     }
     plan.drives_at(place)
         .try_for_each(|setup| configure_axis(talk, setup, plan.period_us))

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use bus::drive_page::{IMAGE_BYTES_MAX, SLAVES_MAX, Wiring};
 use bus::realtime::now_ns;
-use ethercrab::{MainDevice, SubDeviceGroup, SubDeviceIdentity};
+use ethercrab::{Command, MainDevice, SubDeviceGroup, SubDeviceIdentity};
 use machine::Sync;
 
 use super::clocks::set_clocks;
@@ -19,6 +19,8 @@ use super::{FileWords, SegmentPlan};
 use crate::drive_file::Identity;
 use crate::link::Socket;
 
+/// Register of the configured station address (ETG.1000.4).
+const STATION_ADDRESS: u16 = 0x0010;
 /// Frames that bring the clocks together before anything is configured.
 const CLOCK_FRAMES: u32 = 2000;
 
@@ -44,6 +46,7 @@ pub fn start_up(
     let of_segment = |step: &str, what: String| StartUpError::at(interface, step, &what);
     let (main, mut driver) = master(&storage, socket, mailbox, clock_frames)
         .ok_or_else(|| of_segment("starting", "its frames are in use".into()))?;
+    let restarted = restarted(&main, &mut driver);
     let group = find(plan, &main, &mut driver, &of_segment)?;
     let identities: Vec<(SubDeviceIdentity, String)> = group
         .iter(&main)
@@ -70,9 +73,23 @@ pub fn start_up(
     let group = driver
         .run(group.into_safe_op(&main))
         .map_err(into("going from PRE-OP to SAFE-OP"))?;
-    let wiring = read_wiring(&mut driver, group.iter(&main), plan, reference_clock)?;
+    let mut wiring = read_wiring(&mut driver, group.iter(&main), plan, reference_clock)?;
+    for (slave, restarted) in wiring.slaves.iter_mut().zip(restarted) {
+        slave.restarted = restarted.into();
+    }
     into_operation(socket, plan, &wiring)?;
     Ok(wiring)
+}
+
+/// Which slaves have no station address, in the order of the cable: a master gives them one, and they lose it with their power.
+fn restarted(main: &MainDevice<'_>, driver: &mut Driver<'_>) -> Vec<bool> {
+    let address = |place| {
+        let read = Command::aprd(place, STATION_ADDRESS).receive::<u16>(main);
+        driver.run(read).ok()
+    };
+    // Nobody is behind the last one.
+    let addresses = (0..SLAVES_MAX as u16).map_while(address);
+    addresses.map(|address| address == 0).collect()
 }
 
 /// The slaves of a segment, in PRE-OP.

@@ -63,6 +63,7 @@ pub(super) fn read_wiring<'a, S: Deref<Target = SubDevice>>(
             input_bytes: inputs.bytes as u16,
             working_counter: counter,
             serial: slave.identity().serial,
+            restarted: 0,
         };
         wiring.working_counter += u32::from(counter);
         wiring.slave_count += 1;

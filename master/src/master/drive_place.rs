@@ -1,5 +1,5 @@
-//! Where a drive shows its axis to be before it is lost and after it comes back: what comes back elsewhere, whoever or whatever moved it,
-//! is not driven before somebody has looked and said so.
+//! Where a drive shows its axis to be before it is lost and after it comes back: one that was without power meanwhile and comes back
+//! elsewhere is not driven before somebody has looked and said so. What was lost on the bus alone has counted on.
 
 use machine::Axis;
 
@@ -49,7 +49,7 @@ impl DrivePlace {
         }
         let at_mm = drive.motor_position_mm;
         let off_mm = at_mm - self.seen_mm.unwrap_or(at_mm);
-        if was_lost && off_mm.abs() > self.may_go_mm + LEAST_MM {
+        if was_lost && drive.restarted && off_mm.abs() > self.may_go_mm + LEAST_MM {
             self.displaced_mm = Some(self.displaced_mm.unwrap_or(0.0) + off_mm);
         }
         self.seen_mm = Some(at_mm);
@@ -99,6 +99,7 @@ mod tests {
             state,
             motor_position_mm,
             velocity_mm_s,
+            restarted: true,
             ..DriveFeedback::default()
         }
     }

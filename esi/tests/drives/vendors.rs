@@ -2,8 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
-use fieldbus::drive_file::{self, Made, Mapping};
-use fieldbus::esi::{Choice, Esi, choose};
+use esi::{Choice, Esi, Made, choose};
+use fieldbus::drive_file::Mapping;
 use fieldbus::process_data::bytes;
 
 use crate::support::{check, filled_in};
@@ -39,8 +39,8 @@ pub fn vendors_file(name: &str) -> Option<PathBuf> {
 fn becomes_a_good_drive_file(name: &str, choice: Choice<'_>) -> Option<Made> {
     let esi = Esi::load(&vendors_file(name)?).unwrap_or_else(|error| panic!("{error}"));
     let device = choose(&esi, choice).unwrap_or_else(|error| panic!("{error}"));
-    let made = drive_file::from_esi(&esi, device, None).unwrap_or_else(|error| panic!("{error}"));
-    let text = drive_file::write(&made.drive, device);
+    let made = esi::from_esi(&esi, device, None, None).unwrap_or_else(|error| panic!("{error}"));
+    let text = esi::write(&made.drive, device);
     let refused = check(&text, Some(&esi)).expect_err("not filled in");
     assert_eq!(refused.lines().count(), 5, "{refused}");
     let judged =
@@ -73,6 +73,7 @@ fn elmo_gold_becomes_a_drive_file_once_product_and_revision_are_named() {
     assert_eq!(lines.len(), 4, "{asked}");
     for product in ["0x00030924", "0x00030925"] {
         let choice = Choice {
+            device: None,
             product: Some(product),
             revision: Some(0x0001_0420),
         };
@@ -85,7 +86,7 @@ fn elmo_gold_becomes_a_drive_file_once_product_and_revision_are_named() {
     }
     // The boot loader has nothing that a mode could be set by.
     let boot = &esi.devices[0];
-    let refused = drive_file::from_esi(&esi, boot, None)
+    let refused = esi::from_esi(&esi, boot, None, None)
         .expect_err("no drive")
         .to_string();
     assert!(

@@ -1,7 +1,6 @@
 //! Whatever the bytes of an ESI file are, its reader answers.
 
-use fieldbus::drive_file;
-use fieldbus::esi::Esi;
+use esi::Esi;
 use proptest::prelude::*;
 use rand_xoshiro::Xoshiro256PlusPlus;
 use rand_xoshiro::rand_core::{Rng, SeedableRng};
@@ -20,8 +19,8 @@ fn read(bytes: &[u8]) -> bool {
         return false;
     };
     for device in &esi.devices {
-        if let Ok(made) = drive_file::from_esi(&esi, device, None) {
-            let text = drive_file::write(&made.drive, device);
+        if let Ok(made) = esi::from_esi(&esi, device, None, None) {
+            let text = esi::write(&made.drive, device);
             let _ = check(&text, Some(&esi));
         }
     }
@@ -200,8 +199,8 @@ proptest! {
         let text = String::from_utf8_lossy(TESTOR).replace("TS-1 servo drive 2.0", &quoted).replace("Abort connection", &quoted);
         let esi = Esi::parse("named.xml", text.as_bytes()).expect("a good ESI file");
         let device = &esi.devices[1];
-        let made = drive_file::from_esi(&esi, device, None).expect("a drive file");
-        let judged = check(&filled_in(&drive_file::write(&made.drive, device)), Some(&esi));
+        let made = esi::from_esi(&esi, device, None, None).expect("a drive file");
+        let judged = check(&filled_in(&esi::write(&made.drive, device)), Some(&esi));
         prop_assert_eq!(judged.map(|judged| judged.drive.identity.name), Ok(device.name.clone()));
     }
 }

@@ -1,7 +1,8 @@
 //! An ESI file of a vendor that does not exist, and what a user does with a drive file.
 
-use fieldbus::drive_file::{self, Judged};
-use fieldbus::esi::{Choice, Esi, choose};
+use esi::{Choice, Esi, choose};
+use fieldbus::drive_file::{self, DriveFile, Judged};
+use machine::settings_file::Rules;
 
 /// Devices of a vendor that does not exist: a drive in two revisions, and a module of digital inputs and outputs.
 pub const TESTOR: &[u8] = include_bytes!("testor.xml");
@@ -15,10 +16,11 @@ pub fn drive_file(esi: &Esi, revision: u32) -> String {
     let choice = Choice {
         revision: Some(revision),
         product: Some("ts-1"),
+        device: None,
     };
     let device = choose(esi, choice).expect("one drive");
-    let made = drive_file::from_esi(esi, device, None).expect("a drive file");
-    drive_file::write(&made.drive, device)
+    let made = esi::from_esi(esi, device, None, None).expect("a drive file");
+    esi::write(&made.drive, device)
 }
 
 /// What a user fills in.
@@ -39,5 +41,10 @@ pub fn filled_in(text: &str) -> String {
 
 /// What `bus check` says: all that is wrong, or the drive file.
 pub fn check(text: &str, esi: Option<&Esi>) -> Result<Judged, String> {
-    drive_file::parse("drive.toml", text, esi).map_err(|error| error.to_string())
+    let against = |rules: &mut Rules<'_>, drive: &DriveFile| {
+        if let Some(esi) = esi {
+            esi::judge(rules, drive, esi);
+        }
+    };
+    drive_file::parse("drive.toml", text, against).map_err(|error| error.to_string())
 }

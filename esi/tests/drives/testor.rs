@@ -1,8 +1,8 @@
 //! The drive of our own, in both revisions.
 
+use esi::{Choice, Esi, choose};
 use fieldbus::cia402::{DriveMode, OperatingMode};
-use fieldbus::drive_file::{self, Mapping};
-use fieldbus::esi::{Choice, Esi, choose};
+use fieldbus::drive_file::Mapping;
 use fieldbus::process_data::{Entry, find};
 
 use crate::support::{TESTOR, check, drive_file, filled_in, testor};
@@ -172,12 +172,12 @@ fn another_mode_takes_other_process_data_and_is_set_at_start_up_where_it_is_not_
     let esi = testor();
     for (mode, target) in [(OperatingMode::Csp, 0x607A), (OperatingMode::Cst, 0x6071)] {
         let device = &esi.devices[1];
-        let made = drive_file::from_esi(&esi, device, Some(mode)).expect("a drive file");
+        let made = esi::from_esi(&esi, device, Some(mode), None).expect("a drive file");
         assert!(
             find(&made.drive.process_data.receive, target, 0).is_some(),
             "{mode:?}"
         );
-        let text = filled_in(&drive_file::write(&made.drive, device));
+        let text = filled_in(&esi::write(&made.drive, device));
         check(&text, Some(&esi)).expect("a good drive file");
     }
     let text = String::from_utf8_lossy(TESTOR);
@@ -186,7 +186,7 @@ fn another_mode_takes_other_process_data_and_is_set_at_start_up_where_it_is_not_
         "<Access>rw</Access>",
     );
     let esi = Esi::parse("testor.xml", without.as_bytes()).expect("a good ESI file");
-    let made = drive_file::from_esi(&esi, &esi.devices[1], None).expect("a drive file");
+    let made = esi::from_esi(&esi, &esi.devices[1], None, None).expect("a drive file");
     assert_eq!(find(&made.drive.process_data.receive, 0x6060, 0), None);
     let first = &made.drive.start_up.sdos[0];
     assert_eq!((first.index, first.bits, first.value), (0x6060, 8, 9));
@@ -202,6 +202,7 @@ fn several_revisions_are_listed_with_what_to_write() {
     assert_eq!(error.to_string(), expected);
     for product in ["0x1234", "#x1234", "4660", "TS-1", "servo DRIVE"] {
         let choice = Choice {
+            device: None,
             product: Some(product),
             revision: Some(WRITABLE),
         };
@@ -212,6 +213,7 @@ fn several_revisions_are_listed_with_what_to_write() {
         );
     }
     let choice = Choice {
+        device: None,
         product: None,
         revision: Some(7),
     };
@@ -229,6 +231,7 @@ fn several_revisions_are_listed_with_what_to_write() {
 fn inputs_and_outputs_that_are_no_drive_are_refused() {
     let esi = testor();
     let choice = Choice {
+        device: None,
         product: Some("TI-8"),
         revision: None,
     };
@@ -237,7 +240,7 @@ fn inputs_and_outputs_that_are_no_drive_are_refused() {
         error.contains("TI-8 digital inputs and outputs is no CiA 402 drive"),
         "{error}"
     );
-    assert!(drive_file::from_esi(&esi, &esi.devices[2], None).is_err());
+    assert!(esi::from_esi(&esi, &esi.devices[2], None, None).is_err());
 }
 
 #[test]
@@ -285,7 +288,7 @@ fn a_device_of_two_axes_is_warned_of() {
     let channels = "<ChannelInfo><ProfileNo>402</ProfileNo></ChannelInfo>".repeat(2);
     let two = text.replace("<ProfileNo>402</ProfileNo>", &channels);
     let esi = Esi::parse("testor.xml", two.as_bytes()).expect("a good ESI file");
-    let made = drive_file::from_esi(&esi, &esi.devices[1], None).expect("a drive file");
+    let made = esi::from_esi(&esi, &esi.devices[1], None, None).expect("a drive file");
     assert!(
         made.warnings.join("\n").contains("2 axes on one device"),
         "{:?}",
