@@ -141,6 +141,50 @@ fn an_esi_file_becomes_a_terminal_file_that_is_good_as_it_is() {
 }
 
 #[test]
+fn watchdogs_that_leave_a_standby_no_time_are_warned_of() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let from = root().join("machines/xy-ethercat");
+    fs::create_dir(folder.path().join("drives")).expect("a folder");
+    fs::copy(
+        from.join("drives/am-m.toml"),
+        folder.path().join("drives/am-m.toml"),
+    )
+    .expect("a file");
+    let text = fs::read_to_string(from.join("machine.toml")).expect("the machine file");
+    for (what, by, words) in [
+        ("", "", None),
+        (
+            "watchdog_ms = 10",
+            "watchdog_ms = 6",
+            Some(
+                "bus.watchdog_ms = 6: the drives stop by themselves before the standby can have replaced an owner",
+            ),
+        ),
+        (
+            "watchdog_scans = 50 ",
+            "watchdog_scans = 4 ",
+            Some(
+                "scan.watchdog_scans = 4: drives are given up before the standby can have replaced an owner",
+            ),
+        ),
+    ] {
+        fs::write(folder.path().join("machine.toml"), text.replace(what, by)).expect("writing");
+        let checked = quadrant()
+            .arg("check")
+            .arg(folder.path())
+            .output()
+            .expect("quadrant");
+        let printed = String::from_utf8_lossy(&checked.stdout).into_owned();
+        assert!(checked.status.success(), "{printed}");
+        assert_eq!(printed.contains("watchdog"), words.is_some(), "{printed}");
+        assert!(
+            words.is_none_or(|words| printed.contains(words)),
+            "{printed}"
+        );
+    }
+}
+
+#[test]
 fn drives_that_fit_are_listed_and_nothing_is_written() {
     let folder = tempfile::tempdir().expect("a folder");
     let esi = root().join(TESTOR);

@@ -302,7 +302,7 @@ fn cell_and_desk_keep_their_budgets_of_lines() {
     let desk: usize = DESK.iter().map(lines).sum();
     println!("cell {cell}, desk {desk}");
     assert!(cell <= 66_500, "the cell has {cell} lines of code");
-    assert!(desk <= 37_000, "the desk has {desk} lines of code");
+    assert!(desk <= 37_500, "the desk has {desk} lines of code");
 }
 
 fn opens_itself(line: &str) -> bool {

@@ -4,7 +4,7 @@
 use crate::sample::{Cause, Feedback};
 
 wire_enum! {
-    /// Why a drive is lost where no AL status code says it: above what 16 bits of such a code can be.
+    /// Why a drive is lost where no AL status code says it: above what 16 bits of such a code can be. Those that say more come first.
     pub enum Silence {
         /// The interface has no link.
         NoLink = 0x1_0000 => "the interface has no link: look at the cable to the first device, and its power",
@@ -63,7 +63,10 @@ pub fn with_code(cause: Cause, code: u32) -> String {
             Some(silence) => format!("{words} ({})", silence.words()),
             None => format!("{words} as it should: {}", out(code)),
         },
-        Cause::Displaced if code != 0 => {
+        Cause::Displaced if code == 0 => {
+            "nobody knows whether the axis moved while its drive was lost: see where it is, then `quadrant alarms acknowledge`".into()
+        }
+        Cause::Displaced => {
             let off_mm = f64::from(code as i32) * 1e-3;
             format!("{words} ({off_mm:+.3})")
         }

@@ -222,6 +222,8 @@ struct Layout {
     sent_frame: AtomicU64,
     /// 1 once the master has left in order.
     left: AtomicU64,
+    /// Slaves that were found restarted, a bit each, until a master has seen a cycle of the start-up after it.
+    restarted: AtomicU64,
     wiring: KeptValue<Wiring, WIRING_WORDS>,
     /// Text, zeros behind it.
     failure: KeptValue<[u8; FAILURE_BYTES_MAX], FAILURE_WORDS>,
@@ -334,6 +336,17 @@ impl DrivePage {
     pub fn set_state(&self, state: BusState) {
         self.layout.state.store(state as u32, Ordering::Release);
         self.layout.answered.raise();
+    }
+
+    /// Notes slaves that have restarted; all that are noted, a bit each. A start-up that fails gives them their addresses too, so that the
+    /// next one finds nothing.
+    pub fn note_restarted(&self, slaves: u64) -> u64 {
+        self.layout.restarted.fetch_or(slaves, Ordering::AcqRel) | slaves
+    }
+
+    /// A master has seen what the start-up has found.
+    pub fn forget_restarted(&self) {
+        self.layout.restarted.store(0, Ordering::Release);
     }
 
     /// Says why the last start-up failed, or that it did not; before the state.

@@ -145,7 +145,12 @@ fn from_device(esi: &Esi, device: &Device, mode: Option<OperatingMode>) -> Resul
     drive.start_up.sdos = start_up(&first, &drive);
     for axis in 1..axes {
         let more = start_up_of(device, &drive, axis);
-        drive.start_up.sdos.extend(more);
+        let sdos = &mut drive.start_up.sdos;
+        sdos.retain(|sdo| {
+            let ours = |own: &Sdo| (own.index, own.sub) == (sdo.index, sdo.sub);
+            !more.iter().any(ours)
+        });
+        sdos.extend(more);
     }
     let mut warnings = rules::warnings(&drive);
     warnings.extend(words_of_axes(device.axes(), axes));
@@ -170,7 +175,10 @@ fn words_of_axes(device_axes: u16, axes: u16) -> Option<String> {
 
 /// What to write before operation for a further axis.
 fn start_up_of(device: &Device, drive: &DriveFile, axis: u16) -> Vec<Sdo> {
-    let of_axis = start_up(&device.of_axis(axis), &drive.of_axis(axis));
+    let mut seen = device.of_axis(axis);
+    // What the vendor wants is there with the first axis, whichever it is of.
+    seen.init_commands.clear();
+    let of_axis = start_up(&seen, &drive.of_axis(axis));
     let own = of_axis
         .into_iter()
         .filter(|sdo| cia402::of_axis(sdo.index).is_some());
@@ -214,7 +222,13 @@ fn add_axes(
         };
         let same =
             (more_receive.mapping, more_transmit.mapping) == (receive.mapping, transmit.mapping);
-        if !same {
+        // Where entries of our own would have to share a PDO, it holds those of one axis alone.
+        let holds = |side: &Side, more: &Side| {
+            let mut pdos = more.pdos.iter();
+            side.mapping == Mapping::Written
+                && pdos.any(|pdo| side.pdos.iter().any(|own| own.index == pdo.index))
+        };
+        if !same || holds(receive, &more_receive) || holds(transmit, &more_transmit) {
             break;
         }
         receive.add(more_receive, axis);

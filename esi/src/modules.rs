@@ -1,6 +1,6 @@
 //! Modular devices: what one is with modules in its slots (ETG.2000, ETG.5001).
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use roxmltree::Node;
 
@@ -11,6 +11,10 @@ use super::{Device, Dictionary, InitCommand, Pdo};
 
 /// Which modules are in the slots: written before anything else (ETG.5001).
 const CONFIGURED_MODULES: u16 = fieldbus::cia402::CONFIGURED_MODULES;
+/// More slots of a drive are not filled: it has an axis in each.
+const SLOTS_MAX: usize = machine::AXES_OF_DRIVE_MAX as usize;
+/// Of so many modules for the first slot at most the drive is looked at with each.
+const MODULES_MAX: usize = 16;
 /// Objects that a slot moves begin here.
 const OBJECTS: u16 = 0x6000;
 
@@ -56,14 +60,15 @@ impl<'a> Modules<'a> {
             pdos: number_in(of_slots, "SlotPdoIncrement").unwrap_or(0),
             objects: number_in(of_slots, "SlotIndexIncrement").unwrap_or(0),
         };
-        let all: Vec<Slot> = children(of_slots, "Slot")
-            .map(|slot| self.slot(slot))
-            .collect();
+        let slots = children(of_slots, "Slot").take(SLOTS_MAX);
+        let all: Vec<Slot> = slots.map(|slot| self.slot(slot)).collect();
         let must = all.iter().skip(1).take_while(|slot| slot.must_be_filled);
         let filled = 1 + must.count();
         let mut variants = Vec::new();
         // Those that may be empty are, then are filled as well.
-        for slots in [filled, all.len()] {
+        let mut counts = vec![filled, all.len()];
+        counts.dedup();
+        for slots in counts {
             let slots = all.get(..slots).unwrap_or(&all);
             for ident in slots.first().map_or(&[][..], |slot| &slot.idents) {
                 let mut variant = device.clone();
@@ -86,6 +91,9 @@ impl<'a> Modules<'a> {
         });
         let mut known: Vec<(bool, u32)> = known.collect();
         known.sort_by_key(|(other, _)| *other);
+        let mut seen = BTreeSet::new();
+        known.retain(|(_, ident)| seen.insert(*ident));
+        known.truncate(MODULES_MAX);
         Slot {
             must_be_filled: number_in(node, "MinInstances") != Some(0_u32),
             idents: known.into_iter().map(|(_, ident)| ident).collect(),
@@ -103,7 +111,8 @@ impl<'a> Modules<'a> {
         let Some(module) = self.0.get(&ident) else {
             return Ok(());
         };
-        let (pdos, objects) = (increments.pdos * slot, increments.objects * slot);
+        let pdos = increments.pdos.saturating_mul(slot);
+        let objects = increments.objects.saturating_mul(slot);
         let raised = |index: u16| match index {
             OBJECTS.. => index.saturating_add(objects),
             _ => index,

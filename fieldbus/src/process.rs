@@ -57,7 +57,7 @@ pub fn run(options: &Options) -> anyhow::Result<()> {
         plan,
         period_ns: u64::from(machine.scan.period_us) * 1000,
         watchdog_scans: machine.scan.watchdog_scans,
-        hang_scans: bus.hang_scans(machine.scan.period_us),
+        hang_scans: machine.bus_hang_scans(),
         answer_limit: options.answer_limit,
     };
     let owner = match process.page.own(Duration::ZERO)? {

@@ -33,7 +33,7 @@ pub fn load(machine: &Machine, machine_file: &Path) -> anyhow::Result<Option<Set
         warnings: Vec::new(),
     };
     let shown = machine_file.display();
-    if let Some(warning) = watchdog_that_does_not_fit(bus, machine.scan.period_us) {
+    if let Some(warning) = watchdog_that_does_not_fit(machine, bus) {
         setups.warnings.push(format!("{shown}: {warning}"));
     }
     for (index, axis) in machine.axes.iter().enumerate() {
@@ -87,23 +87,28 @@ pub fn load(machine: &Machine, machine_file: &Path) -> anyhow::Result<Option<Set
     Ok(Some(setups))
 }
 
-/// Whether the drives stop by themselves before anybody can do something about a silence.
-fn watchdog_that_does_not_fit(bus: &Fieldbus, period_us: u32) -> Option<String> {
-    let hang_scans = if bus.standby {
-        bus.hang_scans(period_us)
-    } else {
-        0
+/// Whether the drives stop by themselves, or are given up, before anybody can do something about a silence.
+fn watchdog_that_does_not_fit(machine: &Machine, bus: &Fieldbus) -> Option<String> {
+    let (hang_scans, reason) = match bus.standby {
+        true => (
+            machine.bus_hang_scans(),
+            "before the standby can have replaced an owner of the bus that hangs",
+        ),
+        false => (0, "as soon as a frame or two come late"),
     };
     let least_scans = hang_scans + TAKE_OVER_SCANS;
-    let reason = match bus.standby {
-        true => "before the standby can have replaced an owner of the bus that hangs",
-        false => "as soon as a frame or two come late",
-    };
-    (bus.watchdog_scans(period_us) < least_scans).then(|| {
-        let least_ms = (least_scans * period_us).div_ceil(1000);
-        format!(
+    let period_us = machine.scan.period_us;
+    let least_ms = (least_scans * period_us).div_ceil(1000);
+    let (of_scan, of_bus) = (machine.scan.watchdog_scans, bus.watchdog_scans(period_us));
+    if of_bus < least_scans {
+        return Some(format!(
             "bus.watchdog_ms = {}: the drives stop by themselves {reason}; at least {least_ms} fits a scan of {period_us} µs",
             bus.watchdog_ms
+        ));
+    }
+    (of_scan < least_scans).then(|| {
+        format!(
+            "scan.watchdog_scans = {of_scan}: drives are given up {reason}; at least {least_scans}"
         )
     })
 }

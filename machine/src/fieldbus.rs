@@ -35,15 +35,7 @@ impl Fieldbus {
     pub fn watchdog_scans(&self, period_us: u32) -> u32 {
         (self.watchdog_ms * 1000).div_ceil(period_us.max(1))
     }
-
-    /// Scans without an answer after which the owner of the bus hangs: early enough for its standby to send before the drives stop.
-    pub fn hang_scans(&self, period_us: u32) -> u32 {
-        (self.watchdog_scans(period_us) / 2).max(HANG_SCANS_MIN)
-    }
 }
-
-/// Fewer scans without an answer are no hang: a frame or two are late now and then.
-const HANG_SCANS_MIN: u32 = 3;
 
 /// The drive of the spindle: it keeps the speed that it is told in each scan.
 #[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]

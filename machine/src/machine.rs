@@ -190,6 +190,9 @@ pub struct ProgramSettings {
     pub optional_stop: bool,
 }
 
+/// Fewer scans without an answer are no hang of the owner of the bus: a frame or two are late now and then.
+const HANG_SCANS_MIN: u32 = 3;
+
 impl Machine {
     /// Whether anything outlives a run of a program.
     pub fn keeps_parameters(&self) -> bool {
@@ -242,6 +245,12 @@ impl Machine {
         let of_bus = self.bus.as_ref();
         let of_bus = of_bus.map_or(u32::MAX, |bus| bus.watchdog_scans(self.scan.period_us));
         self.scan.watchdog_scans.min(of_bus)
+    }
+
+    /// Scans without an answer after which the owner of the bus hangs: early enough for its standby to send before the drives stop, or are
+    /// given up.
+    pub fn bus_hang_scans(&self) -> u32 {
+        (self.missed_cycles_max() / 2).max(HANG_SCANS_MIN)
     }
 
     /// What the service table needs to know of it.

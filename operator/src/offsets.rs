@@ -295,10 +295,14 @@ fn may_touch_off(subject: &Subject, now: &Feedback, letters: &[char]) -> Result<
         let is_meant = letters.iter().any(|letter| axis.name.starts_with(*letter));
         let is_meant = is_meant || subject.machine.kinematics.is_some();
         if is_meant && sample.reference != Reference::Known as u32 {
-            return Err(refuse(format!(
-                "axis {} has no reference: `quadrant home` first",
-                axis.name
-            )));
+            let why = match Reference::from_wire(sample.reference) {
+                Some(Reference::Unseen) => "shows no place: its drive does not answer",
+                Some(Reference::Displaced) => {
+                    "came back elsewhere than its drive was lost: `quadrant alarms acknowledge` first"
+                }
+                _ => "has no reference: `quadrant home` first",
+            };
+            return Err(refuse(format!("axis {} {why}", axis.name)));
         }
     }
     Ok(())

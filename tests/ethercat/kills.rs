@@ -112,8 +112,12 @@ fn drives_stay_in_operation_whoever_of_the_bus_is_killed_or_stopped_while_anothe
             (Disturbance::OwnerStopped, kills),
             (Disturbance::Both, kills),
         ];
-        let (mut number, mut stops) = (0, 0);
+        let (mut number, mut stops, mut short) = (0, 0, Value::Null);
         for (disturbance, times) in times {
+            // The start-up after it counts anew.
+            if disturbance == Disturbance::Both {
+                short = status(&up)["bus"]["short"].clone();
+            }
             let stopped = (0..times).filter(|_| {
                 number += 1;
                 up.disturb(disturbance, number)
@@ -137,6 +141,6 @@ fn drives_stay_in_operation_whoever_of_the_bus_is_killed_or_stopped_while_anothe
         for drive in segment["drives"].as_array().expect("drives") {
             assert_eq!(drive["left_operation_enabled"], stops, "{mode}: {drive}");
         }
-        assert_eq!(bus["short"], 0, "{mode}: {bus}");
+        assert_eq!(short, 0, "{mode}: answers that somebody took no part in");
     }
 }

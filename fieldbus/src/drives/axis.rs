@@ -120,6 +120,8 @@ pub(super) struct DriveAxis {
     pub counted: i64,
     /// It has been seen once: `counted` is its own.
     seen: bool,
+    /// The start-up in which it was seen last.
+    start_up: u64,
     device: DeviceState,
     missed: u32,
     /// Missed cycles in a row after which the drive counts as lost. What the drive makes of them it says in the next cycle that comes
@@ -151,6 +153,7 @@ impl DriveAxis {
             homing: DriveHoming::new(moved.is_homed),
             counted: 0,
             seen: false,
+            start_up: 0,
             device: DeviceState::NotReady,
             missed: 0,
             missed_max,
@@ -347,8 +350,8 @@ impl DriveAxis {
         }
     }
 
-    /// Takes what it showed, in operation, in a cycle that was answered.
-    pub fn take(&mut self, inputs: &Inputs, wiring: &SlaveWiring) {
+    /// Takes what it showed, in operation, in a cycle that was answered, of the start-up of this number.
+    pub fn take(&mut self, inputs: &Inputs, wiring: &SlaveWiring, start_up: u64) {
         let from = usize::from(wiring.inputs_at);
         let to = from + usize::from(wiring.input_bytes);
         let Some(own) = inputs.image.get(from..to) else {
@@ -378,6 +381,8 @@ impl DriveAxis {
             None => 0.0,
         };
         self.seen = true;
+        let restarted = wiring.restarted == 1 && self.start_up != start_up;
+        self.start_up = start_up;
         let torque = fields.torque.map_or(0, |field| field.read_signed(own));
         let in_mode = shown_mode.is_none_or(|mode| {
             i64::from(mode) == self.operate.value() || self.homing.may_show(mode)
@@ -393,7 +398,7 @@ impl DriveAxis {
             torque_limited: statusword & LIMIT_ACTIVE != 0,
             referenced: self.homing.is_referenced(),
             index_mm: None,
-            restarted: wiring.restarted == 1,
+            restarted,
             state: match self.device {
                 DeviceState::OperationEnabled if in_mode => DriveState::Ready,
                 DeviceState::Fault | DeviceState::FaultReaction => DriveState::Fault { code },

@@ -103,6 +103,8 @@ pub struct Cia402Drives<W> {
     answer: WireAnswer,
     /// Late answers that had been counted when one came in time last.
     late_before: u64,
+    /// What is known best of the cycles in a row that were not answered.
+    silence: Option<Silence>,
     /// Scans in a row in which lost drives were to be switched on.
     wanted_scans: u32,
 }
@@ -154,6 +156,7 @@ impl<W: Wire> Cia402Drives<W> {
             look_scans: ((LOOK_S / scan_s) as u32).max(1),
             answer: WireAnswer::Down,
             late_before: 0,
+            silence: None,
             wanted_scans: 0,
         };
         drives.look();
@@ -232,10 +235,14 @@ impl<W: Wire> Cia402Drives<W> {
         let answer = self.wire.exchange(&self.outputs, &mut self.inputs);
         self.answer = answer;
         let sound = answer == WireAnswer::Answered && self.took_part();
+        let silence = self.silence();
         if answer == WireAnswer::Answered {
             self.late_before = self.inputs.counts.late;
+            self.silence = None;
+        } else {
+            self.silence = Some(silence);
         }
-        let silence = self.silence();
+        let start_up = self.wire.wiring().nonce;
         for (drive, place) in moved_mut(&mut self.axes, &mut self.spindle) {
             let (wiring, state) = slave(&self.wire, &self.inputs, place);
             match answer {
@@ -243,7 +250,9 @@ impl<W: Wire> Cia402Drives<W> {
                     1 => out_of_operation(state.al_status, state.al_status_code),
                     _ => silence as u32,
                 }),
-                WireAnswer::Answered if sound => drive.take(&self.inputs, &wiring),
+                WireAnswer::Answered if sound => {
+                    drive.take(&self.inputs, &wiring, start_up);
+                }
                 WireAnswer::Down => drive.lose(silence as u32),
                 WireAnswer::Answered | WireAnswer::Missed | WireAnswer::OwnerSilent => {
                     drive.miss(silence);
@@ -259,8 +268,18 @@ impl<W: Wire> Cia402Drives<W> {
         self.signals.take(wiring, &self.inputs, came, is_lost);
     }
 
-    /// Why a drive that is silent in this cycle is.
+    /// Why a drive that is silent in this cycle is: of several cycles in a row the reason that says most counts.
     fn silence(&self) -> Silence {
+        let now = self.silence_now();
+        let before = self.silence.filter(|_| self.answer != WireAnswer::Down);
+        let before = before.filter(|before| (*before as u32) < now as u32);
+        match self.answer {
+            WireAnswer::Answered => now,
+            _ => before.unwrap_or(now),
+        }
+    }
+
+    fn silence_now(&self) -> Silence {
         let anybody = || self.inputs.slaves.iter().any(|of| of.answered == 1);
         match self.answer {
             WireAnswer::Down => Silence::BusDown,

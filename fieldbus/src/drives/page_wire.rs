@@ -127,10 +127,10 @@ impl Wire for PageWire {
             other => return other,
         };
         self.page.inputs(answered, inputs);
-        if inputs.answered == 1 && answered == cycle {
-            WireAnswer::Answered
-        } else {
-            WireAnswer::Missed
+        match inputs.answered == 1 {
+            true if answered == cycle => WireAnswer::Answered,
+            true => WireAnswer::OwnerSilent,
+            false => WireAnswer::Missed,
         }
     }
 

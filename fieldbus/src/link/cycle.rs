@@ -12,6 +12,9 @@ use super::socket::{FRAME_BYTES_MAX, Origin, Socket};
 /// The longest wait for a frame without a look whether it is still worth it.
 const WAIT_STEP_NS: u64 = 20_000_000;
 
+/// Of frames in a row that are not answered, each of so many looks at the link.
+const LINK_EVERY: u32 = 4;
+
 /// The cycle of a segment.
 #[derive(Debug)]
 pub struct Cycle {
@@ -24,6 +27,7 @@ pub struct Cycle {
     expected: u32,
     period_ns: u64,
     sent_at_ns: u64,
+    missed_in_a_row: u32,
     followed: Followed,
 }
 
@@ -47,6 +51,7 @@ impl Cycle {
             expected: wiring.working_counter,
             period_ns,
             sent_at_ns: 0,
+            missed_in_a_row: 0,
             followed: Followed::default(),
         }
     }
@@ -74,13 +79,16 @@ impl Cycle {
         mut patient: impl FnMut() -> bool,
     ) -> &Inputs {
         self.inputs.answered = 0;
-        self.inputs.no_link = 0;
         let mut now = now_ns();
         let mut look_ns = now + WAIT_STEP_NS;
         while !self.take_all(number) {
             if now >= until_ns || now >= look_ns && !patient() {
                 self.inputs.counts.missed += 1;
-                self.inputs.no_link = u64::from(!self.socket.has_link());
+                // The link is looked at now and then: the kernel may take its time for an interface that is gone.
+                if self.missed_in_a_row.is_multiple_of(LINK_EVERY) {
+                    self.inputs.no_link = u64::from(!self.socket.has_link());
+                }
+                self.missed_in_a_row = self.missed_in_a_row.wrapping_add(1);
                 break;
             }
             if now >= look_ns {
@@ -107,6 +115,8 @@ impl Cycle {
             let frame = self.buffer.get(..length).unwrap_or(&self.buffer);
             match self.frame.take(frame, number, &mut self.inputs) {
                 Received::Answer { clock_ns } => {
+                    self.missed_in_a_row = 0;
+                    self.inputs.no_link = 0;
                     self.inputs.round_trip_ns = now_ns().saturating_sub(self.sent_at_ns);
                     self.inputs.clock_late_ns = clock_ns.map_or(0, |clock| self.late_ns(clock));
                     if clock_ns.is_some() {

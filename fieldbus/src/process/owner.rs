@@ -49,6 +49,8 @@ struct Segment {
     sent_at_ns: u64,
     /// Cycles in a row in which the master had nothing new.
     silent_scans: u32,
+    /// The master has got an answer of this segment.
+    seen: bool,
 }
 
 /// Why cycles end.
@@ -63,7 +65,9 @@ impl Segment {
     fn start(process: &Process) -> anyhow::Result<Segment> {
         let socket = Rc::new(Socket::open(&process.plan.bus.interface)?);
         socket.ignore_own();
-        let wiring = start_up(&socket, &process.plan, &process.page.wiring())?;
+        let page = &process.page;
+        let noted = |slaves| page.note_restarted(slaves);
+        let wiring = start_up(&socket, &process.plan, &page.wiring(), noted)?;
         process.page.set_wiring(&wiring);
         let cycle = Cycle::new(socket, &wiring, process.period_ns, Counts::zeroed());
         let requested = process.page.requested();
@@ -85,6 +89,7 @@ impl Segment {
             done,
             sent_at_ns: now_ns(),
             silent_scans: 1,
+            seen: false,
         }
     }
 }
@@ -263,6 +268,10 @@ impl Segment {
                 self.done = requested;
                 self.exchange(process, cycle, false);
                 page.answer(cycle, &self.cycle.inputs);
+                if !self.seen && self.cycle.inputs.answered == 1 {
+                    self.seen = true;
+                    page.forget_restarted();
+                }
                 continue;
             }
             if !realtime {
@@ -339,6 +348,8 @@ impl Segment {
 
     /// Nobody drives the slaves any more: they go to INIT.
     fn put_to_rest(&mut self, process: &Process) {
+        // It does not hang: it answers nobody any more.
+        process.page.set_state(BusState::Free);
         if process.member.slot.pace == Pace::Realtime && !process.page.has_left() {
             // The master has gone without a word: the drives are given the time to stop.
             for _ in 0..(500_000_000 / process.period_ns.max(1)) {

@@ -71,7 +71,7 @@ impl<'a> Standby<'a> {
             self.follow()?;
             if let Some(bus) = page.own(FOLLOW_EVERY)? {
                 // An owner that leaves in order has no heir.
-                if page.has_left() || self.process.member.ending() {
+                if self.process.leaves() {
                     return Ok(Turn::Leave);
                 }
                 let cycles = page.state() == BusState::Cycling;

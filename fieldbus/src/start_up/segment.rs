@@ -25,7 +25,8 @@ const STATION_ADDRESS: u16 = 0x0010;
 const CLOCK_FRAMES: u32 = 2000;
 
 /// Brings a segment from wherever it is to OP; nothing is enabled. How it is wired. Where the cell has started it up before, it was wired
-/// like `before`.
+/// like `before`. `note_restarted` takes which slaves were found restarted, and tells which were found so since the last start-up that
+/// somebody has seen.
 ///
 /// # Errors
 /// [`StartUpError`].
@@ -33,6 +34,7 @@ pub fn start_up(
     socket: &Rc<Socket>,
     plan: &SegmentPlan,
     before: &Wiring,
+    note_restarted: impl Fn(u64) -> u64,
 ) -> Result<Wiring, StartUpError> {
     let storage = Box::new(Storage::new());
     let of_drives = plan.drives.iter().map(|setup| setup.drive.mailbox);
@@ -46,7 +48,9 @@ pub fn start_up(
     let of_segment = |step: &str, what: String| StartUpError::at(interface, step, &what);
     let (main, mut driver) = master(&storage, socket, mailbox, clock_frames)
         .ok_or_else(|| of_segment("starting", "its frames are in use".into()))?;
-    let restarted = restarted(&main, &mut driver);
+    let restarted =
+        restarted(&main, &mut driver).map_err(|error| nobody_or(plan, &of_segment, error))?;
+    let restarted = note_restarted(restarted);
     let group = find(plan, &main, &mut driver, &of_segment)?;
     let identities: Vec<(SubDeviceIdentity, String)> = group
         .iter(&main)
@@ -74,22 +78,29 @@ pub fn start_up(
         .run(group.into_safe_op(&main))
         .map_err(into("going from PRE-OP to SAFE-OP"))?;
     let mut wiring = read_wiring(&mut driver, group.iter(&main), plan, reference_clock)?;
-    for (slave, restarted) in wiring.slaves.iter_mut().zip(restarted) {
-        slave.restarted = restarted.into();
+    for (place, slave) in wiring.slaves.iter_mut().enumerate() {
+        slave.restarted = (restarted >> place & 1) as u32;
     }
     into_operation(socket, plan, &wiring)?;
     Ok(wiring)
 }
 
-/// Which slaves have no station address, in the order of the cable: a master gives them one, and they lose it with their power.
-fn restarted(main: &MainDevice<'_>, driver: &mut Driver<'_>) -> Vec<bool> {
-    let address = |place| {
+/// Which slaves have no station address, a bit each in the order of the cable: a master gives them one, and they lose it with their power.
+fn restarted(
+    main: &MainDevice<'_>,
+    driver: &mut Driver<'_>,
+) -> Result<u64, ethercrab::error::Error> {
+    let mut restarted = 0;
+    for place in 0..SLAVES_MAX as u16 {
         let read = Command::aprd(place, STATION_ADDRESS).receive::<u16>(main);
-        driver.run(read).ok()
-    };
-    // Nobody is behind the last one.
-    let addresses = (0..SLAVES_MAX as u16).map_while(address);
-    addresses.map(|address| address == 0).collect()
+        match driver.run(read) {
+            Ok(address) => restarted |= u64::from(address == 0) << place,
+            // Nobody is at this place.
+            Err(ethercrab::error::Error::WorkingCounter { .. }) => break,
+            Err(error) => return Err(error),
+        }
+    }
+    Ok(restarted)
 }
 
 /// The slaves of a segment, in PRE-OP.

@@ -73,9 +73,11 @@ impl DrivePlace {
         self.displaced_mm = Some(0.0);
     }
 
-    /// Somebody has looked: it is where it shows.
+    /// Somebody has looked: it is where it shows, if it shows anything.
     pub fn confirm(&mut self) {
-        self.displaced_mm = None;
+        if !self.is_lost {
+            self.displaced_mm = None;
+        }
     }
 }
 
@@ -124,6 +126,12 @@ mod tests {
         let mut place = after_a_loss(10.0, 0.0, 35.0);
         assert_eq!(place.displaced_mm(), Some(25.0));
         assert!(place.is_unsure());
+        let lost = shows(DriveState::Lost { code: 0 }, 0.0, 0.0);
+        place.take(&lost);
+        // Nobody can have seen where it is.
+        place.confirm();
+        assert_eq!(place.displaced_mm(), Some(25.0));
+        place.take(&shows(DriveState::Off, 35.0, 0.0));
         place.confirm();
         assert_eq!(place.displaced_mm(), None);
         assert!(!place.is_unsure());
