@@ -156,7 +156,7 @@ mod tests {
         model.bus = Some(crate::live::fieldbus::tests::example());
         let value = value(&mut model);
         let bus = &value["bus"];
-        assert_eq!(bus["state"], "in operation");
+        assert_eq!(bus["state"], "in operation in part");
         assert_eq!(bus["owner_pid"], 77);
         assert_eq!(bus["standby"], false);
         assert_eq!(bus["round_trip_us"], 84.6);
