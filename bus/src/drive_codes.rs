@@ -5,6 +5,7 @@ use crate::sample::{Cause, Feedback};
 
 wire_enum! {
     /// Why a drive is lost where no AL status code says it: above what 16 bits of such a code can be. Those that say more come first.
+    #[derive(PartialOrd, Ord)]
     pub enum Silence {
         /// The interface has no link.
         NoLink = 0x1_0000 => "the interface has no link: look at the cable to the first device, and its power",

@@ -113,9 +113,9 @@ pub struct Counts {
     pub repeated: u64,
     /// Frames whose time at the reference clock is known.
     pub clocked: u64,
-    /// How far they were from the middle between two SYNC0, in all, in ns.
+    /// Sum of their distances from the middle between two SYNC0, in ns.
     pub clock_off_sum_ns: u64,
-    /// The same, at most.
+    /// Largest distance, in ns.
     pub clock_off_max_ns: u64,
 }
 

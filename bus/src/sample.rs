@@ -373,7 +373,7 @@ pub struct AxisFeedback {
     /// [`Driver`]: which of the axis's two controllers drives.
     pub driver: u32,
     /// The drive's own error code while it reports a fault, else 0 (CiA 402 object 603Fh). With [`Cause::Skew`] the skew that it was,
-    /// in µm, as an `i32`, and how far the axis came back from its place with [`Cause::Displaced`]; with [`Cause::GantryTorque`] the difference of the torques, in percent of the rated one, likewise.
+    /// in µm, as an `i32`, likewise the displacement with [`Cause::Displaced`]; with [`Cause::GantryTorque`] the difference of the torques, in percent of the rated one, likewise.
     pub drive_code: u32,
     /// [`Redundancy`] of the axis.
     pub redundancy: u32,
@@ -877,6 +877,12 @@ pub use order::{DOWN_FOR_LOSS, OperatorRequest, OperatorResponse, Order, Refused
 pub use signals::{ALARMS_MAX, SIGNALS_MAX, SignalSet, Signals, has_bit, with_bit};
 
 impl Feedback {
+    /// Whether the positions of an axis are worth this.
+    pub fn has_axis(&self, reference: Reference) -> bool {
+        let mut axes = self.axes().iter();
+        axes.any(|axis| axis.reference == reference as u32)
+    }
+
     /// The axes in use.
     pub fn axes(&self) -> &[AxisFeedback] {
         self.axes

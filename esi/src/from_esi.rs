@@ -60,7 +60,8 @@ pub(crate) fn identity_of(esi: &Esi, device: &Device) -> Identity {
     }
 }
 
-/// Makes a drive file of a device, with the process data of so many of its axes, or of all that its slots must have; without a mode, of the first in [`OperatingMode::ALL`] that it can be driven in.
+/// Makes a drive file of a device, with the process data of so many of its axes, or of all that its slots must have; without a mode, of
+/// the first in [`OperatingMode::ALL`] that it can be driven in.
 ///
 /// # Errors
 /// The drive cannot be driven, or not in this mode.
@@ -106,8 +107,11 @@ fn from_device(esi: &Esi, device: &Device, mode: Option<OperatingMode>) -> Resul
         ));
     };
     let first = device.of_axis(0);
-    let (mode, mut receive, mut transmit) = choose(&first, mode).map_err(not_made)?;
-    let axes = with_more_axes(device, mode, [&mut receive, &mut transmit]);
+    let others: Vec<Device> = (1..device.axes())
+        .map(|axis| device.of_axis(axis))
+        .collect();
+    let (mode, receive, transmit) = choose(&first, mode).map_err(not_made)?;
+    let (axes, receive, transmit) = with_more_axes(&first, &others, mode, (receive, transmit));
     let cyclic = process_data::find(&receive.pdos, cia402::MODE, 0).is_some();
     if !cyclic && !device.dictionary.is_empty() && !device.dictionary.writes(cia402::MODE, 0) {
         let what = "cannot be told its mode of operation (6060), which neither its PDOs nor its dictionary has: is it the boot loader of a \
@@ -143,8 +147,8 @@ fn from_device(esi: &Esi, device: &Device, mode: Option<OperatingMode>) -> Resul
         sync_modes: device.sync_modes.iter().map(sync_mode).collect(),
     };
     drive.start_up.sdos = start_up(&first, &drive);
-    for axis in 1..axes {
-        let more = start_up_of(device, &drive, axis);
+    for (axis, seen) in (1..axes).zip(others) {
+        let more = start_up_of(seen, axis, &drive);
         let sdos = &mut drive.start_up.sdos;
         sdos.retain(|sdo| {
             let ours = |own: &Sdo| (own.index, own.sub) == (sdo.index, sdo.sub);
@@ -174,8 +178,7 @@ fn words_of_axes(device_axes: u16, axes: u16) -> Option<String> {
 }
 
 /// What to write before operation for a further axis.
-fn start_up_of(device: &Device, drive: &DriveFile, axis: u16) -> Vec<Sdo> {
-    let mut seen = device.of_axis(axis);
+fn start_up_of(mut seen: Device, axis: u16, drive: &DriveFile) -> Vec<Sdo> {
     // What the vendor wants is there with the first axis, whichever it is of.
     seen.init_commands.clear();
     let of_axis = start_up(&seen, &drive.of_axis(axis));
@@ -189,53 +192,47 @@ fn start_up_of(device: &Device, drive: &DriveFile, axis: u16) -> Vec<Sdo> {
     own.collect()
 }
 
-/// Takes the process data of all axes that can be driven in a mode, to those of the first; how many there are then.
-fn with_more_axes(device: &Device, mode: OperatingMode, sides: [&mut Side; 2]) -> u16 {
-    let [receive, transmit] = sides;
-    let axes = add_axes(device, mode, mapping::choose, [receive, transmit]);
-    let first = device.of_axis(0);
-    // Entries of our own may have room in PDOs of the first axis alone.
-    let fixed = mapping::choose_fixed(&first, mode).filter(|_| axes < device.axes());
-    let Some((mut fixed_receive, mut fixed_transmit)) = fixed else {
-        return axes;
-    };
-    let fixed_sides = [&mut fixed_receive, &mut fixed_transmit];
-    let more = add_axes(device, mode, mapping::choose_fixed, fixed_sides);
-    if more > axes {
-        (*receive, *transmit) = (fixed_receive, fixed_transmit);
+/// Process data with those of further axes, as far as they can be driven in this mode too, and of how many axes they are then.
+fn with_more_axes(
+    first: &Device,
+    others: &[Device],
+    mode: OperatingMode,
+    sides: (Side, Side),
+) -> (u16, Side, Side) {
+    let best = add_axes(others, mode, mapping::choose, sides);
+    if usize::from(best.0) > others.len() {
+        return best;
     }
-    axes.max(more)
+    // Entries of our own may have room in PDOs of the first axis alone.
+    let fixed = mapping::choose_fixed(first, mode);
+    let fixed = fixed.map(|sides| add_axes(others, mode, mapping::choose_fixed, sides));
+    match fixed {
+        Some(fixed) if fixed.0 > best.0 => fixed,
+        _ => best,
+    }
 }
 
-/// Adds the process data of further axes, as far as they can be driven in this mode too; how many there are then.
+/// Adds the process data of further axes until one cannot be driven.
 fn add_axes(
-    device: &Device,
+    others: &[Device],
     mode: OperatingMode,
     choose: impl Fn(&Device, OperatingMode) -> Option<(Side, Side)>,
-    sides: [&mut Side; 2],
-) -> u16 {
-    let [receive, transmit] = sides;
+    (mut receive, mut transmit): (Side, Side),
+) -> (u16, Side, Side) {
     let mut axes = 1;
-    for axis in 1..device.axes() {
-        let Some((more_receive, more_transmit)) = choose(&device.of_axis(axis), mode) else {
-            break;
-        };
-        let same =
-            (more_receive.mapping, more_transmit.mapping) == (receive.mapping, transmit.mapping);
-        // Where entries of our own would have to share a PDO, it holds those of one axis alone.
-        let holds = |side: &Side, more: &Side| {
-            let mut pdos = more.pdos.iter();
-            side.mapping == Mapping::Written
-                && pdos.any(|pdo| side.pdos.iter().any(|own| own.index == pdo.index))
-        };
-        if !same || holds(receive, &more_receive) || holds(transmit, &more_transmit) {
-            break;
+    for seen in others {
+        match choose(seen, mode) {
+            Some((more_receive, more_transmit))
+                if receive.takes(&more_receive) && transmit.takes(&more_transmit) =>
+            {
+                receive.add(more_receive, axes);
+                transmit.add(more_transmit, axes);
+                axes += 1;
+            }
+            _ => break,
         }
-        receive.add(more_receive, axis);
-        transmit.add(more_transmit, axis);
-        axes += 1;
     }
-    axes
+    (axes, receive, transmit)
 }
 
 pub(crate) fn mailbox_of(mailbox: &crate::Mailbox) -> Mailbox {
@@ -286,7 +283,7 @@ fn choose(
     });
     found.ok_or_else(|| {
         let why = if device.modular {
-            "its process data is in modules, which are not read"
+            "its process data is in modules, which the file does not have"
         } else {
             "its PDOs hold no controlword (6040) and target with statusword (6041) and position (6064) or velocity"
         };

@@ -15,6 +15,13 @@ pub struct Side {
 }
 
 impl Side {
+    /// Whether PDOs of another axis go with it: entries of our own do not share a PDO.
+    pub fn takes(&self, other: &Side) -> bool {
+        let is_there = |pdo: &Pdo| self.pdos.iter().any(|own| own.index == pdo.index);
+        self.mapping == other.mapping
+            && (self.mapping == Mapping::Fixed || !other.pdos.iter().any(is_there))
+    }
+
     /// Takes the PDOs of another axis too; where one PDO is of both, its entries are.
     pub fn add(&mut self, other: Side, axis: u16) {
         for mut pdo in other.pdos {
@@ -116,6 +123,12 @@ fn choose_by(
     Some((side(&receive)?, side(&transmit)?))
 }
 
+/// Its size in bits.
+fn bits(pdo: &EsiPdo) -> u32 {
+    let entries = pdo.entries.iter();
+    entries.fold(0, |bits, entry| bits.saturating_add(entry.bits))
+}
+
 /// Whether a PDO has an object.
 fn has(pdo: &EsiPdo, object: u16) -> bool {
     let mut entries = pdo.entries.iter();
@@ -178,18 +191,13 @@ impl Offer<'_> {
     /// Where PDOs can be chosen: those from the factory, and for each object that is lacking the smallest one that has it and goes with
     /// them.
     fn combined(&self) -> Vec<Pdo> {
-        let all = self.pdos();
-        let mut chosen: Vec<&EsiPdo> = all
-            .iter()
-            .filter(|pdo| pdo.sync_manager.is_some())
-            .collect();
-        if !self
-            .device
-            .mailbox
-            .is_some_and(|mailbox| mailbox.pdo_assign)
-        {
+        let mailbox = self.device.mailbox;
+        if !mailbox.is_some_and(|mailbox| mailbox.pdo_assign) {
             return Vec::new();
         }
+        let all = self.pdos().iter();
+        let from_factory = all.clone().filter(|pdo| pdo.sync_manager.is_some());
+        let mut chosen: Vec<&EsiPdo> = from_factory.collect();
         let assign = match self.receives {
             true => cia402::RECEIVE_ASSIGN,
             false => cia402::TRANSMIT_ASSIGN,
@@ -202,11 +210,7 @@ impl Offer<'_> {
             let fits = |pdo: &&EsiPdo| {
                 has(pdo, *object) && chosen.iter().all(|other| go_together(pdo, other))
             };
-            let bits = |pdo: &&EsiPdo| {
-                let entries = pdo.entries.iter();
-                entries.fold(0_u32, |bits, entry| bits.saturating_add(entry.bits))
-            };
-            chosen.extend(all.iter().filter(fits).min_by_key(bits));
+            chosen.extend(all.clone().filter(fits).min_by_key(|pdo| bits(pdo)));
         }
         chosen.into_iter().map(|pdo| self.as_it_is(pdo)).collect()
     }
@@ -287,13 +291,6 @@ impl Offer<'_> {
     fn pads(&self) -> bool {
         let mut entries = self.pdos().iter().flat_map(|pdo| &pdo.entries);
         let mut pdos = self.pdos().iter();
-        entries.any(|entry| entry.index == 0)
-            && pdos.all(|pdo| {
-                let bits = pdo
-                    .entries
-                    .iter()
-                    .fold(0_u32, |bits, entry| bits.saturating_add(entry.bits));
-                bits.is_multiple_of(16)
-            })
+        entries.any(|entry| entry.index == 0) && pdos.all(|pdo| bits(pdo).is_multiple_of(16))
     }
 }

@@ -2,6 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use fieldbus::cia402::CONFIGURED_MODULES;
 use roxmltree::Node;
 
 use super::device::{Wrong, pdo, profiles};
@@ -9,8 +10,6 @@ use super::number;
 use super::xml::{at, child, children, flag_in, number_in, text};
 use super::{Device, Dictionary, InitCommand, Pdo};
 
-/// Which modules are in the slots: written before anything else (ETG.5001).
-const CONFIGURED_MODULES: u16 = fieldbus::cia402::CONFIGURED_MODULES;
 /// More slots of a drive are not filled: it has an axis in each.
 const SLOTS_MAX: usize = machine::AXES_OF_DRIVE_MAX as usize;
 /// Of so many modules for the first slot at most the drive is looked at with each.
@@ -22,7 +21,7 @@ const OBJECTS: u16 = 0x6000;
 #[derive(Debug, Default)]
 pub(super) struct Modules<'a>(BTreeMap<u32, Node<'a, 'a>>);
 
-/// How far objects and PDOs of a slot are above those of the slot before.
+/// Distance of objects and PDOs of a slot from those of the slot before.
 #[derive(Debug, Clone, Copy)]
 struct Increments {
     pdos: u16,
@@ -71,7 +70,10 @@ impl<'a> Modules<'a> {
         for slots in counts {
             let slots = all.get(..slots).unwrap_or(&all);
             for ident in slots.first().map_or(&[][..], |slot| &slot.idents) {
-                let mut variant = device.clone();
+                let mut variant = Device {
+                    modular: false,
+                    ..device.clone()
+                };
                 for (place, slot) in (0..).zip(slots) {
                     let own = slot.idents.iter().find(|own| *own == ident);
                     if let Some(own) = own.or(slot.idents.first()) {

@@ -11,9 +11,9 @@ pub use option_codes::{Effect, OptionCode};
 /// Number of the device profile.
 pub const PROFILE: u32 = 402;
 
-/// Objects of an axis of a drive: those of the next one begin so much above (ETG.6010, multi-axis drives).
-pub const OBJECTS_OF_AXIS: u16 = 0x800;
-/// Where the objects of the first axis begin, and where those of the last one end.
+/// Distance from an object of an axis of a drive to that of the next one (ETG.6010, multi-axis drives).
+const OBJECTS_OF_AXIS: u16 = 0x800;
+/// The objects of all axes, those of the first one in front.
 const OBJECTS_OF_AXES: std::ops::Range<u16> = 0x6000..0xA000;
 
 /// Which modules are in the slots of a modular device (ETG.5001): what it exchanges follows from them.
@@ -152,6 +152,14 @@ pub fn of_axis(index: u16) -> Option<(u16, u16)> {
         above / OBJECTS_OF_AXIS,
         OBJECTS_OF_AXES.start + above % OBJECTS_OF_AXIS,
     ))
+}
+
+/// The number that an object has for an axis of a drive, from 0: its own are those of the first axis, others none.
+pub fn seen_by(index: u16, axis: u16) -> Option<u16> {
+    match of_axis(index) {
+        None => Some(index),
+        Some((of, index)) => (of == axis).then_some(index),
+    }
 }
 
 /// The object of an axis of a drive, from 0, that an object of the first one is; others are the same for all.

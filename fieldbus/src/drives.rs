@@ -10,6 +10,7 @@ mod page_wire;
 mod position_target;
 mod signal_places;
 mod signals;
+mod silence;
 mod spindle;
 mod state_walk;
 mod units;

@@ -62,12 +62,11 @@ impl Entry {
     }
 }
 
-/// PDOs as an axis of a drive sees them, from 0: its objects have the numbers of the first axis, and those of others are gaps.
+/// PDOs as an axis of a drive sees them, from 0: objects of others are gaps.
 pub fn of_axis(pdos: &[Pdo], axis: u16) -> Vec<Pdo> {
-    let seen = |entry: &Entry| match cia402::of_axis(entry.index) {
-        None => *entry,
-        Some((of, index)) if of == axis => Entry { index, ..*entry },
-        Some(_) => Entry::of(0, 0, entry.bits),
+    let seen = |entry: &Entry| match cia402::seen_by(entry.index, axis) {
+        Some(index) => Entry { index, ..*entry },
+        None => Entry::of(0, 0, entry.bits),
     };
     let pdos = pdos.iter().map(|pdo| Pdo {
         index: pdo.index,

@@ -200,11 +200,10 @@ fn judge_axis(axis: &Axis, drive: &DriveFile) -> anyhow::Result<()> {
     let (data, operate) = (&drive.process_data, drive.mode.operate);
     let number = axis.drive.as_ref().map_or(1, |drive| drive.axis);
     if number > 1 && !process_data::holds(&data.receive, &data.transmit, operate) {
-        let above = cia402::OBJECTS_OF_AXIS * (number - 1) as u16;
         let needed = [operate.receive_needed(), operate.transmit_needed()].concat();
         let needed: Vec<String> = needed
             .iter()
-            .map(|object| format!("{:04X}", object + above))
+            .map(|object| format!("{:04X}", cia402::on_axis(*object, (number - 1) as u16)))
             .collect();
         bail!(
             "axis {}: drive.axis = {number}: needs {} in the process data of its drive file",

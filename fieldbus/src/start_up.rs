@@ -73,6 +73,17 @@ impl SegmentPlan {
         self.drives.iter().filter(move |drive| drive.slave == slave)
     }
 
+    /// Each drive once: its first axis that the machine has.
+    pub fn drives_once(&self) -> impl Iterator<Item = &DriveSetup> {
+        let drives = self.drives.iter();
+        drives.filter(|drive| {
+            let mut there = self.drives_at(drive.slave);
+            there
+                .next()
+                .is_some_and(|first| std::ptr::eq(first, *drive))
+        })
+    }
+
     /// Whether watchdogs are to be off.
     fn is_without_watchdog(&self) -> bool {
         self.pace == Pace::Lockstep
@@ -80,10 +91,7 @@ impl SegmentPlan {
 
     /// How many slaves there are to be.
     pub fn slave_count(&self) -> usize {
-        let mut drives: Vec<usize> = self.drives.iter().map(|drive| drive.slave).collect();
-        drives.sort_unstable();
-        drives.dedup();
-        drives.len() + self.terminals.len() + self.bus.other_slaves.len()
+        self.drives_once().count() + self.terminals.len() + self.bus.other_slaves.len()
     }
 
     /// The terminal at a place on the cable.
@@ -95,7 +103,7 @@ impl SegmentPlan {
 
     /// The slaves that have a file: their places, who they are, and what their file is called.
     pub fn described(&self) -> impl Iterator<Item = (usize, &Identity, FileWords)> {
-        let drives = self.drives.iter();
+        let drives = self.drives_once();
         let drives = drives.map(|of| (of.slave, &of.drive.identity, DRIVE_FILE));
         let terminals = self.terminals.iter();
         drives.chain(terminals.map(|of| (of.slave, &of.terminal.identity, TERMINAL_FILE)))

@@ -73,12 +73,6 @@ fn is_homed(feedback: &Feedback) -> bool {
     axes.all(|axis| axis.reference == Reference::Known as u32)
 }
 
-/// Whether an axis came back elsewhere than its drive was lost.
-fn is_displaced(feedback: &Feedback) -> bool {
-    let mut axes = feedback.axes().iter();
-    axes.any(|axis| axis.reference == Reference::Displaced as u32)
-}
-
 /// What a run waits for that does not go on by itself; none where it does, or ends.
 pub fn waits_for(feedback: &Feedback, restart: &Restart) -> Option<Hint> {
     let mode = Mode::from_wire(feedback.mode)?;
@@ -88,7 +82,7 @@ pub fn waits_for(feedback: &Feedback, restart: &Restart) -> Option<Hint> {
         Mode::Disabled if feedback.program != ProgramState::Running as u32 => {
             hint(OFF, &[Order::Enable], None)
         }
-        Mode::Disabled if is_displaced(feedback) => hint(
+        Mode::Disabled if feedback.has_axis(Reference::Displaced) => hint(
             Some("an axis came back elsewhere than its drive was lost, see where it is"),
             &[Order::Acknowledge, Order::Enable, Order::Resume],
             Some(RETURNS),

@@ -1,8 +1,7 @@
 //! What goes wrong on a bus in operation: each trouble stops the machine, is told by what it is, and `enable` brings the drives back
 //! without a restart of the cell. Drives run by their own clock here, and their watchdogs with it.
 
-use crate::cells::mode;
-use crate::live::Up;
+use crate::live::{Up, has_stopped};
 use crate::segment::Network;
 
 /// One kind of trouble.
@@ -92,9 +91,7 @@ impl Up<'_> {
     fn trouble(&self, trouble: &Trouble) {
         let what = trouble.name;
         self.tell(trouble.begins);
-        self.await_status(what, |status| {
-            ["tripped", "disabled"].contains(&mode(status))
-        });
+        self.await_status(what, has_stopped);
         self.await_words(what, trouble.words);
         match trouble.enable_says {
             None => self.tell(trouble.ends),

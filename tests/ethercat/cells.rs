@@ -135,7 +135,7 @@ pub fn await_status(
     network: &Network,
     cell: &str,
     what: &str,
-    shows: impl Fn(&serde_json::Value) -> bool,
+    mut shows: impl FnMut(&serde_json::Value) -> bool,
 ) {
     let started = Instant::now();
     loop {

@@ -6,8 +6,9 @@
 
 use serde_json::Value;
 
-use crate::live::{Up, status};
+use crate::live::{Up, has_stopped, status};
 use crate::segment::Network;
+use crate::start_ups::bus_processes;
 use crate::support::send;
 
 /// A way to disturb the processes of the bus.
@@ -20,14 +21,11 @@ enum Disturbance {
 }
 
 /// Process ids of owner and standby; none while there is no standby.
-fn bus_processes(status: &Value) -> Option<[i32; 2]> {
+fn owner_and_standby(status: &Value) -> Option<[i32; 2]> {
+    // Nobody answers at times.
+    status["processes"].as_array()?;
     let owner = status["bus"]["owner_pid"].as_i64()?;
-    let pids = status["processes"].as_array()?.iter();
-    let of_bus = pids.filter(|process| {
-        let name = process["process"].as_str();
-        name.is_some_and(|name| name.starts_with("fieldbus"))
-    });
-    let mut others = of_bus.filter_map(|process| process["pid"].as_i64());
+    let mut others = bus_processes(status).into_iter();
     let standby = others.find(|pid| *pid != owner)?;
     let ready = status["bus"]["standby"] == true;
     ready.then_some([owner as i32, standby as i32])
@@ -38,7 +36,7 @@ impl Up<'_> {
     fn await_both(&self, what: &str) -> [i32; 2] {
         let mut both = None;
         self.await_status(what, |status| {
-            both = bus_processes(status);
+            both = owner_and_standby(status);
             both.is_some()
         });
         both.unwrap_or_default()
@@ -59,17 +57,14 @@ impl Up<'_> {
                 send(owner, libc::SIGKILL);
             }
         }
-        let stopped = |status: &Value| {
-            ["tripped", "disabled"].contains(&status["mode"].as_str().unwrap_or_default())
-        };
         if disturbance == Disturbance::Both {
-            self.await_status(&what, stopped);
+            self.await_status(&what, has_stopped);
         } else {
             self.await_status(&what, |status| {
-                bus_processes(status).is_some_and(|now| now != [owner, standby])
+                owner_and_standby(status).is_some_and(|now| now != [owner, standby])
             });
         }
-        if !stopped(&status(self)) {
+        if !has_stopped(&status(self)) {
             return false;
         }
         println!(

@@ -31,6 +31,11 @@ pub struct Judged {
     pub gap_ms: f64,
 }
 
+/// Whether the machine of a status has stopped by itself.
+pub fn has_stopped(status: &Value) -> bool {
+    ["tripped", "disabled"].contains(&mode(status))
+}
+
 /// What a status says.
 pub fn status(up: &Up<'_>) -> Value {
     let shown = up
@@ -88,23 +93,12 @@ impl<'a> Up<'a> {
         }
     }
 
-    pub fn await_status(&self, what: &str, mut shows: impl FnMut(&Value) -> bool) {
-        let started = Instant::now();
-        loop {
-            let status = status(self);
-            if shows(&status) {
-                return;
-            }
-            let patient = started.elapsed() < Duration::from_secs(30);
-            assert!(patient, "{what} in vain: {}", self.status());
-            std::thread::sleep(Duration::from_millis(100));
-        }
+    pub fn await_status(&self, what: &str, shows: impl FnMut(&Value) -> bool) {
+        await_status(self.network, &self.cell, what, shows);
     }
 
     pub fn await_mode(&self, what: &str, wanted: &str) {
-        await_status(self.network, &self.cell, what, |status| {
-            mode(status) == wanted
-        });
+        self.await_status(what, |status| mode(status) == wanted);
     }
 
     /// Gives the segment an order; `link` is that of the other end of its cable.

@@ -133,7 +133,7 @@ impl Up<'_> {
 }
 
 /// Process ids of owner and standby, that live.
-fn bus_processes(status: &Value) -> Vec<i64> {
+pub fn bus_processes(status: &Value) -> Vec<i64> {
     let processes = status["processes"].as_array().expect("processes");
     let of_bus = |process: &&Value| {
         let name = process["process"].as_str();

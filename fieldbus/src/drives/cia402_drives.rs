@@ -1,6 +1,6 @@
 //! All drives of a machine, behind the master's seam.
 
-use bus::drive_codes::{Silence, out_of_operation};
+use bus::drive_codes::out_of_operation;
 use bus::drive_page::{Inputs, Outputs, SlaveState, SlaveWiring, Wiring};
 use bus::sample::{BusCycle, Levels, MAX_AXES, MAX_SUBSAMPLES};
 use bytemuck::Zeroable;
@@ -13,6 +13,7 @@ use master::{
 use super::axis::{DriveAxis, Moved};
 use super::signal_places::SignalPlaces;
 use super::signals::{DeviceSignals, TerminalSetup};
+use super::silence::SilenceSeen;
 use super::spindle::DrivenSpindle;
 use crate::drive_file::{DriveFile, ProcessData};
 use crate::link::OPERATIONAL;
@@ -101,10 +102,7 @@ pub struct Cia402Drives<W> {
     look_scans: u32,
     /// What came of the last exchange.
     answer: WireAnswer,
-    /// Late answers that had been counted when one came in time last.
-    late_before: u64,
-    /// What is known best of the cycles in a row that were not answered.
-    silence: Option<Silence>,
+    silence: SilenceSeen,
     /// Scans in a row in which lost drives were to be switched on.
     wanted_scans: u32,
 }
@@ -155,8 +153,7 @@ impl<W: Wire> Cia402Drives<W> {
             start_again_scans: ((START_AGAIN_S / scan_s) as u32).max(1),
             look_scans: ((LOOK_S / scan_s) as u32).max(1),
             answer: WireAnswer::Down,
-            late_before: 0,
-            silence: None,
+            silence: SilenceSeen::default(),
             wanted_scans: 0,
         };
         drives.look();
@@ -235,13 +232,7 @@ impl<W: Wire> Cia402Drives<W> {
         let answer = self.wire.exchange(&self.outputs, &mut self.inputs);
         self.answer = answer;
         let sound = answer == WireAnswer::Answered && self.took_part();
-        let silence = self.silence();
-        if answer == WireAnswer::Answered {
-            self.late_before = self.inputs.counts.late;
-            self.silence = None;
-        } else {
-            self.silence = Some(silence);
-        }
+        let silence = self.silence.take(answer, &self.inputs);
         let start_up = self.wire.wiring().nonce;
         for (drive, place) in moved_mut(&mut self.axes, &mut self.spindle) {
             let (wiring, state) = slave(&self.wire, &self.inputs, place);
@@ -266,30 +257,6 @@ impl<W: Wire> Cia402Drives<W> {
         };
         let came = (answer, sound);
         self.signals.take(wiring, &self.inputs, came, is_lost);
-    }
-
-    /// Why a drive that is silent in this cycle is: of several cycles in a row the reason that says most counts.
-    fn silence(&self) -> Silence {
-        let now = self.silence_now();
-        let before = self.silence.filter(|_| self.answer != WireAnswer::Down);
-        let before = before.filter(|before| (*before as u32) < now as u32);
-        match self.answer {
-            WireAnswer::Answered => now,
-            _ => before.unwrap_or(now),
-        }
-    }
-
-    fn silence_now(&self) -> Silence {
-        let anybody = || self.inputs.slaves.iter().any(|of| of.answered == 1);
-        match self.answer {
-            WireAnswer::Down => Silence::BusDown,
-            WireAnswer::OwnerSilent => Silence::Owner,
-            WireAnswer::Answered if anybody() => Silence::Alone,
-            WireAnswer::Answered => Silence::Nobody,
-            WireAnswer::Missed if self.inputs.no_link == 1 => Silence::NoLink,
-            WireAnswer::Missed if self.inputs.counts.late > self.late_before => Silence::Late,
-            WireAnswer::Missed => Silence::Nobody,
-        }
     }
 
     /// Whether every slave that says it operates took part in the exchange of process data, by its working counter. Where one did not,

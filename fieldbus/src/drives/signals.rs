@@ -104,7 +104,6 @@ impl DeviceSignals {
                 let Some(own) = image.get_mut(range.clone()) else {
                     continue;
                 };
-                own.fill(0);
                 for (field, value) in &terminal.constants {
                     field.write(own, *value as u32);
                 }

@@ -2,9 +2,11 @@
 //!
 //! ethercrab gives every slave of a group the same SYNC0, without a shift: the registers are written here.
 
+use std::fmt::LowerHex;
+
 use bus::drive_page::{IMAGE_BYTES_MAX, SLAVES_MAX};
-use ethercrab::error::Error;
 use ethercrab::{MainDevice, SubDeviceGroup};
+use ethercrab_wire::{EtherCrabWireReadSized, EtherCrabWireReadWrite};
 
 use super::SegmentPlan;
 use super::driver::Driver;
@@ -65,37 +67,28 @@ impl Signals {
         }))
     }
 
-    /// Writes them and reads them back; what is held instead, where a register does not take them.
-    fn write(&self, talk: &mut Talk<'_, '_, '_>) -> Result<Option<String>, Error> {
-        let Talk { driver, slave, .. } = talk;
-        driver.run(slave.register_write::<u16>(ASSIGN_ACTIVATE, 0))?;
-        driver.run(slave.register_write::<u64>(START_TIME, self.start_ns))?;
-        driver.run(slave.register_write::<u32>(SYNC0_CYCLE, self.sync0_cycle_ns))?;
-        driver.run(slave.register_write::<u32>(SYNC1_CYCLE, self.sync1_ns))?;
-        driver.run(slave.register_write::<u16>(ASSIGN_ACTIVATE, self.assign_activate))?;
-        let held = [
-            (
-                ASSIGN_ACTIVATE,
-                driver
-                    .run(slave.register_read::<u16>(ASSIGN_ACTIVATE))?
-                    .into(),
-                self.assign_activate.into(),
-            ),
-            (
-                SYNC0_CYCLE,
-                driver.run(slave.register_read::<u32>(SYNC0_CYCLE))?,
-                self.sync0_cycle_ns,
-            ),
-            (
-                SYNC1_CYCLE,
-                driver.run(slave.register_read::<u32>(SYNC1_CYCLE))?,
-                self.sync1_ns,
-            ),
-        ];
-        let other = held.into_iter().find(|(_, holds, wanted)| holds != wanted);
-        Ok(other.map(|(register, holds, wanted)| {
-            format!("register {register:#06x} holds {holds:#x} after {wanted:#x} was written: another [[sync_mode]] of its drive file, or sync = \"sm\"")
-        }))
+    /// Writes them and reads them back.
+    fn write(&self, talk: &mut Talk<'_, '_, '_>) -> Result<(), String> {
+        talk.set_register::<u16>(ASSIGN_ACTIVATE, 0)
+            .map_err(words)?;
+        talk.set_register(START_TIME, self.start_ns)
+            .map_err(words)?;
+        hold(talk, SYNC0_CYCLE, self.sync0_cycle_ns)?;
+        hold(talk, SYNC1_CYCLE, self.sync1_ns)?;
+        hold(talk, ASSIGN_ACTIVATE, self.assign_activate)
+    }
+}
+
+/// Writes a register that must hold what it is told.
+fn hold<T>(talk: &mut Talk<'_, '_, '_>, register: u16, value: T) -> Result<(), String>
+where
+    T: EtherCrabWireReadWrite + EtherCrabWireReadSized + PartialEq + Copy + LowerHex,
+{
+    match talk.hold_register(register, value).map_err(words)? {
+        None => Ok(()),
+        Some(holds) => Err(format!(
+            "register {register:#06x} holds {holds:#x} after {value:#x} was written: another [[sync_mode]] of its drive file, or sync = \"sm\""
+        )),
     }
 }
 
@@ -130,7 +123,7 @@ pub(super) fn set_clocks(
     let reference = reference.map_err(|error| of_segment(words(error)))?;
     let now_ns = driver.run(reference.register_read::<u64>(SYSTEM_TIME));
     let now_ns = now_ns.map_err(|error| of_segment(words(error)))?;
-    for setup in &plan.drives {
+    for setup in plan.drives_once() {
         let name = plan.name(setup.slave);
         let Ok(slave) = group.subdevice(main, setup.slave) else {
             continue;
@@ -144,20 +137,18 @@ pub(super) fn set_clocks(
         let signals = Signals::of(&setup.drive, scan_ns, now_ns);
         let signals = signals.map_err(|what| talk.failed(STEP, what))?;
         let written = match signals {
-            Some(signals) if has_clock(&setup.slave) => match signals.write(&mut talk) {
-                Ok(Some(what)) => return Err(talk.failed(STEP, what)),
-                Ok(None) => Ok(()),
-                Err(error) => Err(error),
-            },
+            Some(signals) if has_clock(&setup.slave) => signals.write(&mut talk),
             Some(_) if !setup.drive.sync_modes.is_empty() => {
-                let what = "it has no distributed clocks: take [[sync_mode]] out of its drive file";
-                return Err(talk.failed(STEP, what));
+                Err("it has no distributed clocks: take [[sync_mode]] out of its drive file".into())
             }
             // A master before may have left them on.
-            None if has_clock(&setup.slave) => talk.set_register(ASSIGN_ACTIVATE, 0),
+            None if has_clock(&setup.slave) => {
+                let written = talk.set_register::<u16>(ASSIGN_ACTIVATE, 0);
+                written.map_err(words)
+            }
             Some(_) | None => Ok(()),
         };
-        written.map_err(|error| talk.failed(STEP, words(error)))?;
+        written.map_err(|what| talk.failed(STEP, what))?;
     }
     Ok(reference.configured_address())
 }

@@ -45,20 +45,19 @@ pub(super) fn configure(
     let received = (data.receive_mapping, data.receive.as_slice());
     let sent = (data.transmit_mapping, data.transmit.as_slice());
     // Which objects there are follows from the modules.
-    let of_modules = |sdo: &&Sdo| sdo.index == cia402::CONFIGURED_MODULES;
-    let write = |sdo: &Sdo, talk: &mut Talk<'_, '_, '_>| {
-        talk.set((sdo.index, sdo.sub), sdo.bits, sdo.value, Source::Sdo)
-    };
-    let sdos = &drive.start_up.sdos;
-    for sdo in sdos.iter().filter(of_modules) {
-        write(sdo, talk)?;
-    }
+    let sdos = drive.start_up.sdos.iter();
+    let (of_modules, others): (Vec<&Sdo>, Vec<&Sdo>) =
+        sdos.partition(|sdo| sdo.index == cia402::CONFIGURED_MODULES);
+    write(talk, &of_modules)?;
     map(talk, drive.mailbox.pdo_assign, [received, sent], DRIVE_FILE)?;
-    for sdo in sdos.iter().filter(|sdo| !of_modules(sdo)) {
-        write(sdo, talk)?;
-    }
+    write(talk, &others)?;
     plan.drives_at(place)
         .try_for_each(|setup| configure_axis(talk, setup, plan.period_us))
+}
+
+fn write(talk: &mut Talk<'_, '_, '_>, sdos: &[&Sdo]) -> Result<(), StartUpError> {
+    sdos.iter()
+        .try_for_each(|sdo| talk.set((sdo.index, sdo.sub), sdo.bits, sdo.value, Source::Sdo))
 }
 
 /// Writes what an axis of a drive needs.
@@ -67,15 +66,15 @@ fn configure_axis(
     setup: &DriveSetup,
     period_us: u32,
 ) -> Result<(), StartUpError> {
-    let (drive, above) = (&setup.drive, setup.axis * cia402::OBJECTS_OF_AXIS);
-    judge_option_codes(talk, above)?;
-    set_interpolation_time(talk, drive, period_us, above)?;
+    let (drive, axis) = (&setup.drive, setup.axis);
+    judge_option_codes(talk, axis)?;
+    set_interpolation_time(talk, drive, period_us, axis)?;
     if drive.start_up.following_error_window {
         let window = setup.following_error_increments.into();
-        let object = (cia402::FOLLOWING_ERROR_WINDOW + above, 0);
+        let object = (cia402::on_axis(cia402::FOLLOWING_ERROR_WINDOW, axis), 0);
         talk.set(object, 32, window, Source::FollowingErrorWindow)?;
     }
-    set_mode(talk, drive, above)
+    set_mode(talk, drive, axis)
 }
 
 /// Drives that hear nothing for so long stop by themselves.
@@ -88,12 +87,9 @@ fn set_watchdog(talk: &mut Talk<'_, '_, '_>, plan: &SegmentPlan) -> Result<(), S
     let (divider, ticks) = WATCHDOG_DIVIDER;
     for (register, value) in [(divider, ticks), (PROCESS_DATA_WATCHDOG, units)] {
         let step = format!("setting its watchdog (register {register:#06x} = {value})");
-        if let Err(error) = talk.set_register(register, value) {
-            return Err(talk.failed(step, words(error)));
-        }
-        match talk.register(register) {
-            Ok(found) if found == value => {}
-            Ok(found) => {
+        match talk.hold_register(register, value) {
+            Ok(None) => {}
+            Ok(Some(found)) => {
                 let what = format!(
                     "it holds {found} afterwards: without a watchdog the drive would go on with the last command; it cannot be used"
                 );
@@ -230,9 +226,9 @@ fn compare(
 }
 
 /// No reaction may let the axis coast, whatever the files say: what the drive holds counts.
-fn judge_option_codes(talk: &mut Talk<'_, '_, '_>, above: u16) -> Result<(), StartUpError> {
+fn judge_option_codes(talk: &mut Talk<'_, '_, '_>, axis: u16) -> Result<(), StartUpError> {
     for code in OptionCode::ALL {
-        let index = code.index() + above;
+        let index = cia402::on_axis(code.index(), axis);
         let step = format!("reading {}", cia402::named(index, 0));
         let value = match talk.read(index, 0) {
             Ok(value) => value.signed(),
@@ -274,9 +270,9 @@ fn set_interpolation_time(
     talk: &mut Talk<'_, '_, '_>,
     drive: &DriveFile,
     period_us: u32,
-    above: u16,
+    axis: u16,
 ) -> Result<(), StartUpError> {
-    let index = cia402::INTERPOLATION_TIME + above;
+    let index = cia402::on_axis(cia402::INTERPOLATION_TIME, axis);
     let Some((mantissa, exponent)) = interpolation_time(period_us) else {
         return Ok(());
     };
@@ -303,13 +299,9 @@ fn set_interpolation_time(
 }
 
 /// The mode is one that the drive has; where no cycle says it, it is written here.
-fn set_mode(
-    talk: &mut Talk<'_, '_, '_>,
-    drive: &DriveFile,
-    above: u16,
-) -> Result<(), StartUpError> {
+fn set_mode(talk: &mut Talk<'_, '_, '_>, drive: &DriveFile, axis: u16) -> Result<(), StartUpError> {
     let operate = drive.mode.operate;
-    if let Ok(supported) = talk.read(cia402::SUPPORTED_MODES + above, 0) {
+    if let Ok(supported) = talk.read(cia402::on_axis(cia402::SUPPORTED_MODES, axis), 0) {
         let modes = cia402::DriveMode::of(supported.value as i64);
         // A drive that names none does not tell.
         if !modes.is_empty() && !modes.contains(&operate.as_drive_mode()) {
@@ -324,7 +316,12 @@ fn set_mode(
     }
     let receive = &drive.process_data.receive;
     if crate::process_data::find(receive, cia402::MODE, 0).is_none() {
-        talk.set((cia402::MODE + above, 0), 8, operate.value(), Source::Mode)?;
+        talk.set(
+            (cia402::on_axis(cia402::MODE, axis), 0),
+            8,
+            operate.value(),
+            Source::Mode,
+        )?;
     }
     Ok(())
 }

@@ -6,9 +6,11 @@ use std::rc::Rc;
 use std::task::{Context, Poll, Waker};
 use std::time::Duration;
 
+use bus::drive_page::SLAVES_MAX;
 use bus::realtime::now_ns;
 use ethercrab::error::Error;
-use ethercrab::{MainDevice, MainDeviceConfig, PduRx, PduStorage, PduTx, Timeouts};
+use ethercrab::{Command, MainDevice, MainDeviceConfig, PduRx, PduStorage, PduTx, Timeouts};
+use ethercrab_wire::EtherCrabWireReadSized;
 
 use crate::link::{FRAME_BYTES_MAX, Origin, Socket};
 
@@ -72,6 +74,24 @@ pub(super) fn master<'a>(
         socket: Rc::clone(socket),
     };
     Some((master, driver))
+}
+
+/// Reads a register of every slave, in the order of the cable, before they have addresses.
+pub(super) fn read_everywhere<T: EtherCrabWireReadSized>(
+    main: &MainDevice<'_>,
+    driver: &mut Driver<'_>,
+    register: u16,
+) -> Result<Vec<T>, Error> {
+    let mut read = Vec::new();
+    for place in 0..SLAVES_MAX as u16 {
+        match driver.run(Command::aprd(place, register).receive::<T>(main)) {
+            Ok(found) => read.push(found),
+            // Nobody is at this place.
+            Err(Error::WorkingCounter { .. }) => break,
+            Err(error) => return Err(error),
+        }
+    }
+    Ok(read)
 }
 
 impl Driver<'_> {

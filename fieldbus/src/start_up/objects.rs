@@ -2,7 +2,10 @@
 
 use ethercrab::error::{Error, MailboxError};
 use ethercrab::{SubDevice, SubDeviceRef};
-use ethercrab_wire::{EtherCrabWireRead, EtherCrabWireSized, WireError};
+use ethercrab_wire::{
+    EtherCrabWireRead, EtherCrabWireReadSized, EtherCrabWireReadWrite, EtherCrabWireSized,
+    WireError,
+};
 
 use super::driver::Driver;
 use super::error::StartUpError;
@@ -230,14 +233,24 @@ impl Talk<'_, '_, '_> {
         }
     }
 
-    /// Reads a register of two bytes.
-    pub fn register(&mut self, register: u16) -> Result<u16, Error> {
-        self.driver.run(self.slave.register_read::<u16>(register))
+    /// Writes a register and reads it back: what it holds instead, if that is something else.
+    pub fn hold_register<T: EtherCrabWireReadWrite + EtherCrabWireReadSized + PartialEq + Copy>(
+        &mut self,
+        register: u16,
+        value: T,
+    ) -> Result<Option<T>, Error> {
+        self.set_register(register, value)?;
+        let found = self.driver.run(self.slave.register_read::<T>(register))?;
+        Ok((found != value).then_some(found))
     }
 
-    /// Writes a register of two bytes.
-    pub fn set_register(&mut self, register: u16, value: u16) -> Result<(), Error> {
-        let written = self.slave.register_write::<u16>(register, value);
+    /// Writes a register.
+    pub fn set_register<T: EtherCrabWireReadWrite>(
+        &mut self,
+        register: u16,
+        value: T,
+    ) -> Result<(), Error> {
+        let written = self.slave.register_write::<T>(register, value);
         self.driver.run(written).map(|_| ())
     }
 }

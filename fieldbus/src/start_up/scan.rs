@@ -5,10 +5,10 @@ use std::time::Duration;
 
 use bus::drive_page::{IMAGE_BYTES_MAX, SLAVES_MAX};
 use bus::realtime::now_ns;
+use ethercrab::MainDevice;
 use ethercrab::error::Error;
-use ethercrab::{Command, MainDevice};
 
-use super::driver::{Driver, Storage, master};
+use super::driver::{Driver, Storage, master, read_everywhere};
 use super::error::StartUpError;
 use super::found::{FoundPdo, FoundSlave, ObjectData, ObjectValue, Written};
 use super::objects::{Talk, is_write_only, words};
@@ -82,20 +82,14 @@ pub fn scan(socket: &Rc<Socket>) -> Result<Vec<FoundSlave>, StartUpError> {
 
 /// In which AL states the slaves are, in the order of the cable.
 fn states(main: &MainDevice<'_>, driver: &mut Driver<'_>) -> Result<Vec<AlStatus>, Error> {
-    let mut states = Vec::new();
-    for place in 0..SLAVES_MAX as u16 {
-        let read = Command::aprd(place, AL_STATUS).receive::<[u8; 6]>(main);
-        match driver.run(read) {
-            Ok([low, high, _, _, code_low, code_high]) => states.push((
-                u16::from_le_bytes([low, high]),
-                u16::from_le_bytes([code_low, code_high]),
-            )),
-            // Nobody is at this place.
-            Err(Error::WorkingCounter { .. }) => break,
-            Err(error) => return Err(error),
-        }
-    }
-    Ok(states)
+    let read = read_everywhere::<[u8; 6]>(main, driver, AL_STATUS)?.into_iter();
+    let states = read.map(|[low, high, _, _, code_low, code_high]| {
+        (
+            u16::from_le_bytes([low, high]),
+            u16::from_le_bytes([code_low, code_high]),
+        )
+    });
+    Ok(states.collect())
 }
 
 /// Does something with every slave of a segment in PRE-OP: its place, the AL status that it had before, and a way to talk to it.

@@ -5,12 +5,12 @@ use std::time::Duration;
 
 use bus::drive_page::{IMAGE_BYTES_MAX, SLAVES_MAX, Wiring};
 use bus::realtime::now_ns;
-use ethercrab::{Command, MainDevice, SubDeviceGroup, SubDeviceIdentity};
+use ethercrab::{MainDevice, SubDeviceGroup, SubDeviceIdentity};
 use machine::Sync;
 
 use super::clocks::set_clocks;
 use super::configure::configure;
-use super::driver::{Driver, Storage, master};
+use super::driver::{Driver, Storage, master, read_everywhere};
 use super::error::StartUpError;
 use super::objects::{Talk, words};
 use super::operational::into_operation;
@@ -90,17 +90,11 @@ fn restarted(
     main: &MainDevice<'_>,
     driver: &mut Driver<'_>,
 ) -> Result<u64, ethercrab::error::Error> {
-    let mut restarted = 0;
-    for place in 0..SLAVES_MAX as u16 {
-        let read = Command::aprd(place, STATION_ADDRESS).receive::<u16>(main);
-        match driver.run(read) {
-            Ok(address) => restarted |= u64::from(address == 0) << place,
-            // Nobody is at this place.
-            Err(ethercrab::error::Error::WorkingCounter { .. }) => break,
-            Err(error) => return Err(error),
-        }
-    }
-    Ok(restarted)
+    let addresses = read_everywhere::<u16>(main, driver, STATION_ADDRESS)?;
+    let places = (0..).zip(addresses);
+    Ok(places.fold(0, |slaves, (place, address)| {
+        slaves | u64::from(address == 0) << place
+    }))
 }
 
 /// The slaves of a segment, in PRE-OP.

@@ -76,8 +76,11 @@ impl Seen {
                 al_status_code: slave.al_status_code,
             })
             .collect();
+        let operates = |slave: &&SlaveState| slave.al_state == OPERATES;
+        let operational = slaves.iter().filter(operates).count();
+        let clocked = counts.clocked > 0;
         let mut told = BusState {
-            state: self.state_words(&slaves).into(),
+            state: self.state_words(operational).into(),
             owner_pid: self.owner_pid,
             frames: counts.sent,
             missed: counts.missed,
@@ -89,38 +92,35 @@ impl Seen {
             clock_offset_us: answered
                 .filter(|_| self.distributed_clocks)
                 .map(|inputs| us(inputs.clock_late_ns)),
-            clock_offset_mean_us: (counts.clocked > 0)
+            clock_offset_mean_us: clocked
                 .then(|| us((counts.clock_off_sum_ns / counts.clocked) as i64)),
-            clock_offset_peak_us: (counts.clocked > 0).then(|| us(counts.clock_off_max_ns as i64)),
+            clock_offset_peak_us: clocked.then(|| us(counts.clock_off_max_ns as i64)),
             slaves,
             ..BusState::default()
         };
-        told.summary = self.words(&told);
+        told.summary = self.words(&told, operational);
         let lost = counts.missed + counts.short;
-        let operates = told.slaves.iter().any(|slave| slave.al_state == OPERATES);
-        told.alarm = match operates {
-            true if lost == 0 => None,
-            true => Some(format!("{lost} bus cycles missed or short")),
-            false => Some(format!("bus {}", told.state)),
+        told.alarm = match operational {
+            0 => Some(format!("bus {}", told.state)),
+            _ if lost == 0 => None,
+            _ => Some(format!("{lost} bus cycles missed or short")),
         };
         told
     }
 
     /// Where frames are exchanged, by how many slaves are in operation.
-    fn state_words(&self, slaves: &[SlaveState]) -> &'static str {
-        let operate = |slave: &SlaveState| slave.al_state == OPERATES;
-        match self.state {
-            Bus::Cycling if !slaves.iter().any(operate) => match self.inputs {
-                Some(inputs) if inputs.no_link == 1 => "without a link",
-                _ => "out of operation",
-            },
-            Bus::Cycling if !slaves.iter().all(operate) => "in operation in part",
-            state => state.words(),
+    fn state_words(&self, operational: usize) -> &'static str {
+        let has_link = self.inputs.is_none_or(|inputs| inputs.no_link == 0);
+        match (self.state, operational) {
+            (Bus::Cycling, 0) if has_link => "out of operation",
+            (Bus::Cycling, 0) => "without a link",
+            (Bus::Cycling, some) if some < self.slave_count => "in operation in part",
+            (state, _) => state.words(),
         }
     }
 
     /// In one line.
-    fn words(&self, told: &BusState) -> String {
+    fn words(&self, told: &BusState, operational: usize) -> String {
         let mut words = format!("bus {}", told.state);
         if self.state == Bus::Down && !self.failure.is_empty() {
             words += &format!(": {}", self.failure);
@@ -129,10 +129,7 @@ impl Seen {
             return words;
         }
         if self.state == Bus::Cycling {
-            let operational = told.slaves.iter();
-            let operational = operational.filter(|slave| slave.al_state == OPERATES);
-            let (operational, all) = (operational.count(), self.slave_count);
-            words += &format!(", {operational} of {all} slaves in OP");
+            words += &format!(", {operational} of {} slaves in OP", self.slave_count);
         }
         if let Some(us) = told.round_trip_us {
             words += &format!(", round trip {us:.0} µs");

@@ -180,10 +180,10 @@ fn stopped(feedback: &Feedback, cause: Option<&str>) -> Says {
 
 fn disabled(feedback: &Feedback, cause: Option<&str>) -> Says {
     let detail = cause.unwrap_or("positions follow the axes");
-    let mut axes = feedback.axes().iter();
-    let displaced = axes.any(|axis| axis.reference == Reference::Displaced as u32);
     let next = match ProgramState::from_wire(feedback.program) {
-        _ if displaced => "see where the axis is; `quadrant alarms acknowledge`, then `enable`",
+        _ if feedback.has_axis(Reference::Displaced) => {
+            "see where the axis is; `quadrant alarms acknowledge`, then `enable`"
+        }
         Some(ProgramState::Running) => "`quadrant enable`, then `resume`",
         Some(ProgramState::None) => "`quadrant enable`; `quadrant load PROGRAM`; `quadrant start`",
         _ => "`quadrant enable`; `quadrant start`",
