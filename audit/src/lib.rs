@@ -4,4 +4,4 @@ mod setpoint_audit;
 mod totals;
 
 pub use setpoint_audit::{LimitShares, SetpointAudit, SetpointFault};
-pub use totals::{ProgramWalk, Totals};
+pub use totals::{Ahead, ProgramWalk, Totals};

@@ -20,6 +20,8 @@ pub struct ProgramWalk {
 /// What a program comes to.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Totals {
+    /// Elements of the path.
+    pub elements: u64,
     /// Setpoints from the first at rest at the start to the first at rest at the end.
     pub setpoints: u64,
     /// Time of the program, in s.
@@ -40,13 +42,45 @@ pub struct Totals {
     pub speed_limited_by_look_ahead_mm_s: Option<f64>,
 }
 
+/// What a program is planned along: all of it, or as far as it is read.
+pub trait Ahead {
+    /// Why it cannot be planned, or read.
+    type Error: From<PlanError>;
+
+    /// The planner of its windows.
+    fn windows(&mut self) -> &mut WindowPlanner;
+
+    /// As much is known ahead of this element as is planned at a time. What lies behind it is needed no more.
+    ///
+    /// # Errors
+    /// What comes next cannot be read, or planned.
+    fn read_on(&mut self, element: u32) -> Result<(), Self::Error>;
+}
+
+impl Ahead for WindowPlanner {
+    type Error = PlanError;
+
+    fn windows(&mut self) -> &mut WindowPlanner {
+        self
+    }
+
+    fn read_on(&mut self, _element: u32) -> Result<(), PlanError> {
+        Ok(())
+    }
+}
+
 impl ProgramWalk {
     /// Plans from the start of the path to its end, handing out each setpoint until the caller breaks off.
-    pub fn walk(
+    ///
+    /// # Errors
+    /// The path cannot be planned, or not be read on.
+    pub fn walk<A: Ahead>(
         &self,
-        planner: &mut WindowPlanner,
+        ahead: &mut A,
         mut each: impl FnMut(&PathPart, &PlannedSetpoint) -> ControlFlow<()>,
-    ) -> Result<Totals, PlanError> {
+    ) -> Result<Totals, A::Error> {
+        ahead.read_on(0)?;
+        let planner = ahead.windows();
         let mut window = Vec::with_capacity(planner.setpoints_max());
         let mut from = planner.start_state();
         let mut leads: Vec<Lead> = Vec::new();
@@ -61,6 +95,8 @@ impl ProgramWalk {
         let (mut setpoints, mut fault, mut complete) = (0u64, None, false);
         // At no speed there is no end to come to.
         'windows: while self.feed_override > 0.0 && !complete && setpoints < self.setpoints_max {
+            ahead.read_on(from.element)?;
+            let planner = ahead.windows();
             let outcome = planner.plan_behind(&from, &leads, &request, &mut window)?;
             request.repeats_start = false;
             for setpoint in window.iter().take(outcome.intended_setpoints as usize) {
@@ -85,6 +121,7 @@ impl ProgramWalk {
         if let (true, Some(audit)) = (complete, &mut audit) {
             fault = fault.or(audit.end().err());
         }
+        let planner = ahead.windows();
         let judged_setpoints = setpoints;
         if !complete && setpoints >= self.setpoints_max {
             let lead = leads.last().map_or(from, |lead| lead.state);
@@ -93,6 +130,7 @@ impl ProgramWalk {
             (from, complete) = (planner.end_state(), true);
         }
         Ok(Totals {
+            elements: u64::from(planner.path().end()),
             setpoints,
             judged_setpoints,
             time_s: setpoints.saturating_sub(1) as f64 * planner.limits().scan_period_s(),

@@ -470,7 +470,8 @@ impl Element {
 impl Path {
     /// Sum of the lengths of all elements, in mm.
     pub fn length_mm(&self) -> f64 {
-        self.elements.iter().map(|element| element.length_mm).sum()
+        let lengths = self.elements.iter().map(|element| element.length_mm);
+        lengths.fold(0.0, |sum, length| sum + length)
     }
 
     /// Where it starts; none for an empty path.

@@ -45,4 +45,4 @@ pub use planner::{Decision, Inner, Planner};
 pub use ports::{BusPorts, PlannerPorts};
 pub use program_text::ProgramText;
 pub use run::{Options, PlannerError, cycle, run, run_over};
-pub use survey::{Survey, survey};
+pub use survey::{Streamed, Survey, survey};

@@ -2,6 +2,7 @@
 
 use bus::sample::PATH_AXES;
 use machine::Machine;
+use path::window::WindowPlanner;
 use program::{Note, Setup};
 
 use crate::ahead::Course;
@@ -23,10 +24,59 @@ pub struct Survey {
     pub is_whole: bool,
 }
 
+/// A program that is read as it is planned, and forgotten behind: its length takes no memory.
+#[derive(Debug)]
+pub struct Streamed {
+    course: Course,
+}
+
+impl Streamed {
+    /// Nothing read yet of a program from these command positions, in increments.
+    ///
+    /// # Errors
+    /// It cannot be read, or not from there.
+    pub fn new(
+        machine: &Machine,
+        text: &ProgramText,
+        start: [i64; PATH_AXES],
+    ) -> Result<Streamed, AheadError> {
+        let setup = Setup {
+            rehearsed: true,
+            ..Setup::of(machine)
+        };
+        let course = Course::new(machine, text, start, None, setup)?;
+        Ok(Streamed { course })
+    }
+
+    /// Elements that are read.
+    pub fn elements(&self) -> u64 {
+        u64::from(self.course.windows.path().end())
+    }
+
+    /// Windows along it, as far as it is read.
+    pub fn windows(&mut self) -> &mut WindowPlanner {
+        &mut self.course.windows
+    }
+
+    /// Reads on, if not enough is known ahead of this element, and forgets what is behind it.
+    ///
+    /// # Errors
+    /// The first thing that is wrong with it, or that the machine cannot do.
+    pub fn read_on(&mut self, element: u32) -> Result<(), AheadError> {
+        let course = &mut self.course;
+        course.read_on(element, false);
+        course.places.clear();
+        course.events.forget(u32::MAX);
+        course.events.forget_messages();
+        course.events.forget_passes(u32::MAX);
+        course.refusal().map_or(Ok(()), Err)
+    }
+}
+
 /// Reads a program from these command positions, in increments, plans its path and forgets it, up to about so many elements.
 ///
 /// # Errors
-/// The first thing that is wrong with it, or that the machine cannot do.
+/// As [`Streamed::read_on`].
 pub fn survey(
     machine: &Machine,
     text: &ProgramText,
@@ -34,22 +84,12 @@ pub fn survey(
     elements_max: u64,
     mut progress: impl FnMut(u64),
 ) -> Result<Survey, AheadError> {
-    let setup = Setup {
-        rehearsed: true,
-        ..Setup::of(machine)
-    };
-    let mut course = Course::new(machine, text, start, None, setup)?;
-    while !course.is_over() && u64::from(course.windows.path().end()) < elements_max {
-        course.read_on(course.windows.path().end(), false);
-        course.places.clear();
-        course.events.forget(u32::MAX);
-        course.events.forget_messages();
-        course.events.forget_passes(u32::MAX);
-        progress(u64::from(course.windows.path().end()));
+    let mut streamed = Streamed::new(machine, text, start)?;
+    while !streamed.course.is_over() && streamed.elements() < elements_max {
+        streamed.read_on(streamed.course.windows.path().end())?;
+        progress(streamed.elements());
     }
-    if let Some(refused) = course.refusal() {
-        return Err(refused);
-    }
+    let course = &streamed.course;
     let path = course.windows.path();
     Ok(Survey {
         name: text.name(),

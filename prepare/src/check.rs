@@ -2,15 +2,16 @@
 
 use std::ops::ControlFlow;
 
+use crate::long::walk_long;
 use crate::options::CheckOptions;
 use anyhow::bail;
-use audit::{ProgramWalk, Totals};
+use audit::{Ahead, ProgramWalk, Totals};
 use console::exit::{Kind, Outcome};
 use console::logs;
 use console::output::say;
 use launcher::check::{Checked, Depth, load};
 use path::path_part::PathPart;
-use path::window::{PlannedSetpoint, WindowPlanner};
+use path::window::PlannedSetpoint;
 use program::Program;
 
 /// `check` plans so many setpoints one by one, in some tenths of a second; the time of what comes behind them follows from the speed map.
@@ -44,12 +45,9 @@ pub fn check(options: &CheckOptions) -> Outcome {
         let totals = walk(&checked, &mut windows, JUDGED_SETPOINTS, each).input()?;
         print_totals(&checked, &totals);
     }
-    if let Some(survey) = &checked.long {
-        say(&format!(
-            "program {}: {} elements, {:.3} mm: good",
-            survey.name, survey.elements, survey.length_mm
-        ));
-        print_notes(&checked);
+    if let (Some(_), Some(file)) = (&checked.long, &options.program) {
+        let totals = walk_long(&checked, file, |_, _| Ok(())).input()?;
+        print_totals(&checked, &totals);
     }
     Ok(())
 }
@@ -77,18 +75,21 @@ fn print_notes(checked: &Checked) {
 ///
 /// # Errors
 /// The path cannot be planned within the limits.
-pub fn walk(
+pub fn walk<A: Ahead>(
     checked: &Checked,
-    windows: &mut WindowPlanner,
+    ahead: &mut A,
     setpoints_max: u64,
     each: impl FnMut(&PathPart, &PlannedSetpoint) -> ControlFlow<()>,
-) -> anyhow::Result<Totals> {
+) -> anyhow::Result<Totals>
+where
+    anyhow::Error: From<A::Error>,
+{
     let walk = ProgramWalk {
         feed_override: 1.0,
         setpoints_per_window: checked.machine.scan.interpolation_period_scans,
         setpoints_max,
     };
-    let totals = walk.walk(windows, each)?;
+    let totals = walk.walk(ahead, each)?;
     if let Some(fault) = &totals.fault {
         bail!("the plan breaks its own limits: {fault}; this is a defect of quadrant");
     }
@@ -97,16 +98,14 @@ pub fn walk(
 
 /// Says what a planned program comes to.
 pub fn print_totals(checked: &Checked, totals: &Totals) {
-    let Some(program) = &checked.program else {
+    let short = checked.program.as_ref().map(|program| &program.name);
+    let long = checked.long.as_ref().map(|survey| &survey.name);
+    let Some(name) = short.or(long) else {
         return;
     };
     say(&format!(
-        "program {}: {} elements, {:.3} mm, {:.3} s, {} setpoints: good",
-        program.name,
-        program.path.elements.len(),
-        totals.distance_mm,
-        totals.time_s,
-        totals.setpoints
+        "program {name}: {} elements, {:.3} mm, {:.3} s, {} setpoints: good",
+        totals.elements, totals.distance_mm, totals.time_s, totals.setpoints
     ));
     for (index, axis) in checked.machine.program_axes().iter().enumerate() {
         let unit = axis.kind.unit();
@@ -141,7 +140,9 @@ pub fn print_totals(checked: &Checked, totals: &Totals) {
             "  path speed limited to {speed_mm_s:.3} mm/s where blocks are shortest: no more of them are read ahead"
         ));
     }
-    print_in_step(checked, program);
+    if let Some(program) = &checked.program {
+        print_in_step(checked, program);
+    }
     print_notes(checked);
 }
 

@@ -6,17 +6,19 @@ use std::ops::ControlFlow;
 use std::path::Path;
 
 use crate::time_use::{TimeTable, TimeUse};
-use anyhow::Context;
+use anyhow::{Context, anyhow};
 use audit::Totals;
 use path::path_part::PathPart;
 use path::window::{PlannedSetpoint, WindowPlanner};
 
 use crate::check::{print_totals, walk};
+use crate::long::walk_long;
 use crate::options::PlanOptions;
 use console::exit::{Failure, Kind, Outcome};
 use console::logs;
 use console::output::say;
 use launcher::check::{self, Checked, Depth};
+use program::SHORT_ELEMENTS;
 
 use long_dwells::LongDwells;
 use picture::Picture;
@@ -33,9 +35,15 @@ pub fn plan(options: &PlanOptions) -> Outcome {
     let what_if = WhatIf::of(&options.what_if).input()?;
     let checked =
         check::load(&options.machine, Some(&options.program), Depth::Beginning).input()?;
+    if checked.long.is_some() && (options.blocks.is_some() || options.svg.is_some()) {
+        let what = format!(
+            "{}: has more than {SHORT_ELEMENTS} elements: --blocks and --svg are for shorter ones; --csv writes every scan of it",
+            options.program.display()
+        );
+        return Err(anyhow!(what)).input();
+    }
     let (totals, table) = plan_as_is(&checked, options)?;
-    print_totals(&checked, &totals);
-    table::print(&checked, &table);
+    say_all(&checked, &totals, table.as_ref());
     if options.what_if.is_empty() {
         return Ok(());
     }
@@ -49,7 +57,7 @@ pub fn plan(options: &PlanOptions) -> Outcome {
     if let Some(program) = &mut changed.program {
         what_if.apply_to_path(program);
     }
-    let (of_changed, table) = time(&changed, None).input()?;
+    let (of_changed, table) = time(&changed, &options.program, &mut |_, _| Ok(())).input()?;
     say(&format!(
         "what if {}: {:.3} s instead of {:.3} s, {:+.1} %",
         options.what_if.join(", "),
@@ -57,13 +65,20 @@ pub fn plan(options: &PlanOptions) -> Outcome {
         totals.time_s,
         (of_changed.time_s / totals.time_s - 1.0) * 100.0
     ));
-    print_totals(&changed, &of_changed);
-    table::print(&changed, &table);
+    say_all(&changed, &of_changed, table.as_ref());
     Ok(())
 }
 
+/// What a program comes to, and where its time goes; of a long one the first alone.
+fn say_all(checked: &Checked, totals: &Totals, table: Option<&TimeTable>) {
+    print_totals(checked, totals);
+    if let Some(table) = table {
+        table::print(checked, table);
+    }
+}
+
 /// Plans with the machine's own limits, and writes the files that are asked for.
-fn plan_as_is(checked: &Checked, options: &PlanOptions) -> Result<(Totals, TimeTable), Failure> {
+fn plan_as_is(checked: &Checked, options: &PlanOptions) -> Result<Planned, Failure> {
     let mut csv = match &options.csv {
         Some(file) => Some(SetpointFile::create(checked, file)?),
         None => None,
@@ -81,15 +96,15 @@ fn plan_as_is(checked: &Checked, options: &PlanOptions) -> Result<(Totals, TimeT
     // Only a file has a row for each scan of a dwell.
     let each_scan = options.csv.is_some();
     let (totals, table) = match each_scan {
-        true => time_scan_by_scan(checked, &mut each).input()?,
-        false => time(checked, Some(&mut each)).input()?,
+        true => time_scan_by_scan(checked, &options.program, &mut each).input()?,
+        false => time(checked, &options.program, &mut each).input()?,
     };
     if let Some(csv) = csv {
         csv.finish()?;
     }
-    if let Some(file) = &options.blocks {
+    if let (Some(file), Some(table)) = (&options.blocks, &table) {
         let named = || format!("{}: cannot be written", file.display());
-        table::write_blocks(checked, &table, file)
+        table::write_blocks(checked, table, file)
             .with_context(named)
             .environment()?;
     }
@@ -101,26 +116,29 @@ fn plan_as_is(checked: &Checked, options: &PlanOptions) -> Result<(Totals, TimeT
 
 /// What is done with each setpoint.
 type Each<'a> = &'a mut dyn FnMut(&PathPart, &PlannedSetpoint) -> anyhow::Result<()>;
+/// What a program comes to, and where its time goes; none of that of a long one.
+type Planned = (Totals, Option<TimeTable>);
 
 /// Plans a program, and finds where its time goes. However long its dwells are, they take no longer than a short one.
-fn time(checked: &Checked, each: Option<Each<'_>>) -> anyhow::Result<(Totals, TimeTable)> {
+fn time(checked: &Checked, file: &Path, each: Each<'_>) -> anyhow::Result<Planned> {
     let Some(mut program) = checked.program.clone() else {
-        return time_scan_by_scan(checked, &mut |_, _| Ok(()));
+        return time_scan_by_scan(checked, file, each);
     };
     let period_s = checked.machine.scan_period_s();
     let dwells = LongDwells::shorten(&mut program, period_s);
     let windows = checked.planner_along(program)?;
-    let (mut totals, mut table) = match each {
-        Some(each) => time_along(checked, windows, each)?,
-        None => time_along(checked, windows, &mut |_, _| Ok(()))?,
-    };
+    let (mut totals, mut table) = time_along(checked, windows, each)?;
     dwells.give_back(&mut totals, &mut table, period_s);
-    Ok((totals, table))
+    Ok((totals, Some(table)))
 }
 
 /// The same with each scan of each dwell.
-fn time_scan_by_scan(checked: &Checked, each: Each<'_>) -> anyhow::Result<(Totals, TimeTable)> {
-    time_along(checked, checked.planner()?, each)
+fn time_scan_by_scan(checked: &Checked, file: &Path, each: Each<'_>) -> anyhow::Result<Planned> {
+    if checked.long.is_some() {
+        return Ok((walk_long(checked, file, each)?, None));
+    }
+    let (totals, table) = time_along(checked, checked.planner()?, each)?;
+    Ok((totals, Some(table)))
 }
 
 fn time_along(

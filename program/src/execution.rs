@@ -22,7 +22,7 @@ use crate::words::{Group, Words};
 mod profile;
 mod steps;
 
-/// So many blocks in a row that make nothing are a loop that does not end.
+/// So many blocks in a row that make nothing, messages apart, are a loop that does not end.
 const IDLE_BLOCKS_MAX: u64 = 2_000_000;
 
 /// So many bytes are looked through for labels in the place of a block,

@@ -104,6 +104,10 @@ fn what_cannot_end_is_stopped_with_its_place() {
             "2000000 blocks in a row without a motion",
         ),
         (
+            "o1 do\n(print, x)\no1 while [1]\nM2",
+            "2000000 blocks in a row without a motion",
+        ),
+        (
             "o1 call\nM2",
             "part.ngc:1:1: O1 call: there is no such subroutine: O1 sub in the program, or a file 1.ngc",
         ),

@@ -209,3 +209,20 @@ fn a_check_assumes_the_answers_and_says_so() {
         "{error}"
     );
 }
+
+#[test]
+fn a_check_of_a_program_that_waits_for_its_machine_ends() {
+    let setup = Setup {
+        rehearsed: true,
+        ..(*setup(&[])).clone()
+    };
+    let text = "o1 while [1]\nM66 P0 L0\no1 endwhile\nG0 X1\nM2\n";
+    let program = interpret("part", text, &setup, at(&[])).unwrap();
+    let notes: Vec<String> = program.notes.iter().map(|note| note.shown()).collect();
+    assert!(
+        notes
+            .iter()
+            .any(|note| note.contains("asks again and again")),
+        "{notes:?}"
+    );
+}

@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::{EventKind, Interpreter, base};
 use crate::compensation::Way;
 use crate::meaning::{Cause, Leg};
+use crate::program::ProgramEnd;
 use crate::question::{Answer, Question};
 use crate::refusal::{Done, Refusal, wrong};
 use crate::state::FeedMode;
@@ -19,9 +20,15 @@ pub struct Questions {
     asked: Option<Question>,
     /// How many answers there were.
     taken: usize,
+    /// How many of them were assumed, of a program that is read beside its machine.
+    #[serde(skip)]
+    assumed: usize,
     /// Between PROBEOPEN and PROBECLOSE.
     logs_probes: bool,
 }
+
+/// So many answers are assumed: a program that asks on is one that waits for its machine.
+const ASSUMED_MAX: usize = 10_000;
 
 impl Questions {
     /// From here on what a probe finds is written into the log, or no longer.
@@ -102,6 +109,13 @@ impl Interpreter {
         if known.is_none() && rehearsed {
             let text = "what the machine answers is not known yet: from here on this is read as if a probe tripped at the end of its motion and an input were as the program waits for it";
             self.note(question.line(), text);
+            self.questions.assumed += 1;
+            if self.questions.assumed > ASSUMED_MAX {
+                let text = "asks again and again: whether that ends is up to what the machine answers, and nothing behind it was looked at";
+                self.note(question.line(), text);
+                // For who checks it, it ends here.
+                self.ended = Some(ProgramEnd::M2(question.line()));
+            }
         }
         self.take_answer(&question, known.unwrap_or_else(|| question.assumed()))
     }

@@ -68,7 +68,7 @@ pub struct Mark {
 impl Output {
     /// All that was made so far, as a number that grows with it.
     pub fn made(&self) -> u64 {
-        self.counts.elements + self.counts.events + self.counts.messages
+        self.counts.elements + self.counts.events
     }
 
     pub fn elements_made(&self) -> u64 {

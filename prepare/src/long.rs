@@ -1,0 +1,97 @@
+//! A program that is too long to be held whole: it is planned as it is read, and forgotten behind.
+
+use std::ops::ControlFlow;
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use audit::{Ahead, Totals};
+use launcher::check::Checked;
+use path::path_part::PathPart;
+use path::window::{PlannedSetpoint, WindowPlanner};
+use planner::{ProgramText, Streamed};
+
+use crate::check::walk;
+
+/// Time between two words on the way.
+const TELL_EVERY: Duration = Duration::from_secs(5);
+
+/// The program, and when something was said of it last.
+struct Long<'a> {
+    file: &'a Path,
+    streamed: Streamed,
+    told: Instant,
+}
+
+impl Ahead for Long<'_> {
+    type Error = anyhow::Error;
+
+    fn windows(&mut self) -> &mut WindowPlanner {
+        self.streamed.windows()
+    }
+
+    fn read_on(&mut self, element: u32) -> anyhow::Result<()> {
+        self.streamed.read_on(element)?;
+        if self.told.elapsed() > TELL_EVERY {
+            self.told = Instant::now();
+            tracing::info!("{}: planned up to element {element}", self.file.display());
+        }
+        Ok(())
+    }
+}
+
+/// Plans all of it.
+///
+/// # Errors
+/// It cannot be planned within the limits; and what `each` says.
+pub(crate) fn walk_long(
+    checked: &Checked,
+    file: &Path,
+    mut each: impl FnMut(&PathPart, &PlannedSetpoint) -> anyhow::Result<()>,
+) -> anyhow::Result<Totals> {
+    let text = ProgramText::File(file.to_path_buf());
+    let mut long = Long {
+        file,
+        streamed: Streamed::new(&checked.machine, &text, checked.start)?,
+        told: Instant::now(),
+    };
+    let mut result = Ok(());
+    let totals = walk(checked, &mut long, u64::MAX, |path, setpoint| {
+        result = each(path, setpoint);
+        match result {
+            Ok(()) => ControlFlow::Continue(()),
+            Err(_) => ControlFlow::Break(()),
+        }
+    })?;
+    result.map(|()| totals)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use launcher::check::{Depth, load};
+
+    #[test]
+    fn a_program_that_is_planned_as_it_is_read_is_the_same_in_every_setpoint() {
+        let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../machines");
+        for (machine, program) in [
+            ("xy", "xy/programs/circle-r25-f3000.ngc"),
+            ("xyz-mill", "xyz-mill/programs/drill-plate.ngc"),
+        ] {
+            let file = root.join(program);
+            let checked = load(&root.join(machine), Some(&file), Depth::Whole).expect("good");
+            let mut whole = Vec::new();
+            let mut windows = checked.planner().expect("a planner");
+            let totals = walk(&checked, &mut windows, u64::MAX, |_, setpoint| {
+                whole.push(setpoint.position_increments);
+                ControlFlow::Continue(())
+            });
+            let mut read = Vec::new();
+            let as_read = walk_long(&checked, &file, |_, setpoint| {
+                read.push(setpoint.position_increments);
+                Ok(())
+            });
+            assert_eq!(as_read.expect("planned"), totals.expect("planned"));
+            assert!(whole.len() > 1_000 && read == whole, "{program}");
+        }
+    }
+}
