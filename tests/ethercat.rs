@@ -19,6 +19,8 @@ mod clocks;
 mod commands;
 #[path = "ethercat/esi_drives.rs"]
 mod esi_drives;
+#[path = "ethercat/kickcat.rs"]
+mod kickcat;
 #[path = "ethercat/kills.rs"]
 mod kills;
 #[path = "ethercat/live.rs"]
@@ -37,6 +39,8 @@ mod spindle;
 mod start_ups;
 #[path = "ethercat/terminals.rs"]
 mod terminals;
+#[path = "ethercat/touch_probe.rs"]
+mod touch_probe;
 #[path = "ethercat/troubles.rs"]
 mod troubles;
 #[path = "ethercat/wrong_configurations.rs"]

@@ -67,6 +67,18 @@ pub const MAX_CURRENT: u16 = 0x6073;
 pub const MAX_MOTOR_SPEED: u16 = 0x6080;
 /// Torque offset.
 pub const TORQUE_OFFSET: u16 = 0x60B2;
+/// What the touch-probe unit is to latch: a byte for each of its two latches.
+pub const TOUCH_PROBE_FUNCTION: u16 = 0x60B8;
+/// What it has latched.
+pub const TOUCH_PROBE_STATUS: u16 = 0x60B9;
+/// Position at the positive edge of its first latch.
+pub const TOUCH_PROBE_1_RISING: u16 = 0x60BA;
+/// The same at the negative edge.
+pub const TOUCH_PROBE_1_FALLING: u16 = 0x60BB;
+/// Position at the positive edge of its second latch.
+pub const TOUCH_PROBE_2_RISING: u16 = 0x60BC;
+/// The same at the negative edge.
+pub const TOUCH_PROBE_2_FALLING: u16 = 0x60BD;
 /// Interpolation time: sub-index 1 mantissa, 2 exponent of ten in seconds.
 pub const INTERPOLATION_TIME: u16 = 0x60C2;
 /// Digital inputs: 0 to 3 limit switches, home switch and interlock, 16 to 31 those of the manufacturer.
@@ -81,10 +93,17 @@ pub const NEGATIVE_TORQUE_LIMIT: u16 = 0x60E1;
 pub const TARGET_VELOCITY: u16 = 0x60FF;
 /// Modes that the drive supports.
 pub const SUPPORTED_MODES: u16 = 0x6502;
+/// How outputs are synchronised (ETG.1020).
+pub const SYNC_OF_OUTPUTS: u16 = 0x1C32;
+/// What is done about process data that are missing (ETG.1020): sub-index 2 how many are forgiven.
+pub const SYNC_ERRORS: u16 = 0x10F1;
 /// Which PDOs the drive receives.
 pub const RECEIVE_ASSIGN: u16 = 0x1C12;
 /// Which PDOs the drive transmits.
 pub const TRANSMIT_ASSIGN: u16 = 0x1C13;
+
+/// What limits the torque of a drive: both ways on their own, or together.
+pub const TORQUE_LIMITS: [u16; 3] = [POSITIVE_TORQUE_LIMIT, NEGATIVE_TORQUE_LIMIT, MAX_TORQUE];
 
 /// Name and size in bits of an object that the controller uses.
 pub fn standard(index: u16, sub: u8) -> Option<(&'static str, u32)> {
@@ -111,6 +130,12 @@ pub fn standard(index: u16, sub: u8) -> Option<(&'static str, u32)> {
         (MAX_PROFILE_VELOCITY, 0) => ("highest profile velocity", 32),
         (VELOCITY_OFFSET, 0) => ("velocity offset", 32),
         (TORQUE_OFFSET, 0) => ("torque offset", 16),
+        (TOUCH_PROBE_FUNCTION, 0) => ("touch probe function", 16),
+        (TOUCH_PROBE_STATUS, 0) => ("touch probe status", 16),
+        (TOUCH_PROBE_1_RISING, 0) => ("touch probe 1, position of its positive edge", 32),
+        (TOUCH_PROBE_1_FALLING, 0) => ("touch probe 1, position of its negative edge", 32),
+        (TOUCH_PROBE_2_RISING, 0) => ("touch probe 2, position of its positive edge", 32),
+        (TOUCH_PROBE_2_FALLING, 0) => ("touch probe 2, position of its negative edge", 32),
         (INTERPOLATION_TIME, 1) => ("interpolation time, mantissa", 8),
         (INTERPOLATION_TIME, 2) => ("interpolation time, exponent", 8),
         (POSITIVE_TORQUE_LIMIT, 0) => ("highest positive torque", 16),

@@ -5,6 +5,7 @@
 
 mod axis;
 mod cia402_drives;
+mod encoder_place;
 mod homing;
 mod page_wire;
 mod position_target;
@@ -13,11 +14,14 @@ mod signals;
 mod silence;
 mod spindle;
 mod state_walk;
+mod touch_probe;
 mod units;
 
 pub use cia402_drives::{Cia402Drives, DriveSetup, Setups, Wire, WireAnswer};
+pub(crate) use encoder_place::range as encoder_range;
 pub use page_wire::PageWire;
 pub use signal_places::{SignalDevice, SignalPlace, SignalPlaces};
 pub use signals::TerminalSetup;
 pub use state_walk::{DeviceState, StateWalk, Want};
+pub(crate) use touch_probe::{Edge, TouchProbe};
 pub(crate) use units::Units;

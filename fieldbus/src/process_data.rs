@@ -98,6 +98,15 @@ pub fn find(pdos: &[Pdo], index: u16, sub: u8) -> Option<(u32, Entry)> {
     None
 }
 
+/// Where an object is in the image of its direction.
+pub fn field(pdos: &[Pdo], index: u16, sub: u8) -> Option<Field> {
+    let (at_bits, entry) = find(pdos, index, sub)?;
+    Some(Field {
+        at_bits: at_bits as usize,
+        bits: entry.bits,
+    })
+}
+
 /// What is sent where there is no command: fields of what the device receives, and their values.
 pub fn constants(receive: &[Pdo]) -> Vec<(Field, i64)> {
     let mut at_bits = 0;

@@ -8,7 +8,9 @@ use machine::{Axis, DriveMode, Fieldbus, HomingMethod, Machine, Spindle, Spindle
 use crate::cia402::{self, OperatingMode};
 use crate::drive_file::{self, DriveFile};
 pub use crate::drives::Setups;
-use crate::drives::{DriveSetup, SignalDevice, SignalPlaces, TerminalSetup, Units};
+use crate::drives::{
+    DriveSetup, Edge, SignalDevice, SignalPlaces, TerminalSetup, TouchProbe, Units, encoder_range,
+};
 use crate::process_data;
 use crate::terminal_file::{self, Channel, ChannelDirection};
 
@@ -47,7 +49,8 @@ pub fn load(machine: &Machine, machine_file: &Path) -> anyhow::Result<Option<Set
         judge_mode(axis, &drive).with_context(|| shown.to_string())?;
         judge_inputs(axis, &drive).with_context(|| shown.to_string())?;
         judge_brake(axis, &drive).with_context(|| shown.to_string())?;
-        judge_homing(axis, &drive).with_context(|| shown.to_string())?;
+        judge_homing(machine, axis, &drive).with_context(|| shown.to_string())?;
+        judge_probe(axis, &drive).with_context(|| shown.to_string())?;
         let (of_drive, of_machine) = (drive.scaling.dead_time_scans, machine.scan.dead_time_scans);
         if of_drive != of_machine {
             bail!(
@@ -60,6 +63,7 @@ pub fn load(machine: &Machine, machine_file: &Path) -> anyhow::Result<Option<Set
         setups.drives.push(DriveSetup {
             slave: machine.slave_of(index),
             following_error_increments: window as u32,
+            torque_limit: torque_limit(axis, &drive).with_context(|| shown.to_string())?,
             drive,
             device: file.process_data,
             axis: axis_of_drive,
@@ -71,6 +75,7 @@ pub fn load(machine: &Machine, machine_file: &Path) -> anyhow::Result<Option<Set
         setups.spindle = Some(DriveSetup {
             slave: of_bus.slave as usize,
             following_error_increments: u32::MAX,
+            torque_limit: None,
             device: drive.process_data.clone(),
             axis: 0,
             drive,
@@ -288,6 +293,32 @@ fn judge_inputs(axis: &Axis, drive: &DriveFile) -> anyhow::Result<()> {
     Ok(())
 }
 
+/// The limit of the torque of a drive, in thousandths of the rated one: the machine does not count on more, and no cycle says another.
+fn torque_limit(axis: &Axis, drive: &DriveFile) -> anyhow::Result<Option<u16>> {
+    let limit_percent = axis.drive.as_ref().and_then(|of| of.torque_limit_percent);
+    let Some(limit_percent) = limit_percent else {
+        return Ok(None);
+    };
+    let (name, receive) = (&axis.name, &drive.process_data.receive);
+    let key = format!("axis {name}: drive.torque_limit_percent = {limit_percent}");
+    let mut limits = cia402::TORQUE_LIMITS.iter();
+    if let Some(object) = limits.find(|of| process_data::find(receive, **of, 0).is_some()) {
+        bail!(
+            "{key}: {object:04X} is in process_data.receive of its drive file, and the value of its entry counts: write that, and take this \
+             key out"
+        );
+    }
+    let limit_nm = limit_percent / 100.0 * drive.scaling.rated_torque_nm;
+    let peak_nm = axis.motor.peak_torque_nm;
+    if peak_nm > limit_nm * 1.001 {
+        bail!(
+            "{key}: is {limit_nm:.2} N·m, and motor.peak_torque_nm = {peak_nm}: the machine counts on more than the drive may give; make it \
+             {limit_nm:.2} at most"
+        );
+    }
+    Ok(Some((limit_percent * 10.0).round() as u16))
+}
+
 /// A brake that the controller opens is opened in each cycle, and closes where nothing is sent.
 fn judge_brake(axis: &Axis, drive: &DriveFile) -> anyhow::Result<()> {
     if axis.commanded_brake().is_none() {
@@ -306,25 +337,74 @@ fn judge_brake(axis: &Axis, drive: &DriveFile) -> anyhow::Result<()> {
     }
 }
 
-/// What finds the axis's place is there: the drive itself, where it can be asked to in each cycle.
-fn judge_homing(axis: &Axis, drive: &DriveFile) -> anyhow::Result<()> {
+/// What finds the axis's place is there: in the process data of its drive, or among the digital inputs of the machine.
+fn judge_homing(machine: &Machine, axis: &Axis, drive: &DriveFile) -> anyhow::Result<()> {
     let Some(homing) = &axis.homing else {
-        return Ok(());
+        return judge_encoder(axis, drive);
     };
-    if homing.method != HomingMethod::Drive {
-        bail!(
-            "axis {}: homing.method must be \"drive\" on a bus: switches and index pulses of drives are not read yet",
-            axis.name
-        );
-    }
-    let data = &drive.process_data;
+    let (name, data) = (&axis.name, &drive.process_data);
     let mapped = process_data::find(&data.receive, cia402::MODE, 0).is_some()
         && process_data::find(&data.transmit, cia402::MODE_DISPLAY, 0).is_some();
-    if !mapped {
+    if homing.method == HomingMethod::Drive && !mapped {
         bail!(
-            "axis {}: homing.method = \"drive\" needs 6060 and 6061 in the process data of its drive file",
+            "axis {name}: homing.method = \"drive\" needs 6060 and 6061 in the process data of its drive file"
+        );
+    }
+    if homing.method.has_index() && !can_latch(drive, Edge::Index) {
+        bail!(
+            "axis {name}: homing by index needs 60B8, 60B9 and 60BC (or 60BA) in the process data of its drive file: its touch-probe unit \
+             latches the index"
+        );
+    }
+    let switch = homing.switch_input.filter(|_| homing.method.has_switch());
+    if let Some(input) = switch.filter(|input| !machine.has_digital_input(*input)) {
+        bail!(
+            "axis {name}: homing.switch_input = {input}: no drive ([axis.drive] input_bits) and no signal ([signal.to] input) is this input"
+        );
+    }
+    Ok(())
+}
+
+/// The travel of an axis with an absolute encoder fits into what the encoder tells apart.
+fn judge_encoder(axis: &Axis, drive: &DriveFile) -> anyhow::Result<()> {
+    let Some(turns) = axis.drive.as_ref().and_then(|drive| drive.encoder_turns) else {
+        return Ok(());
+    };
+    let mm_per_increment = Units::of(drive, axis.lead_mm).mm_per_increment.abs();
+    let range_mm = encoder_range(drive, Some(turns)) as f64 * mm_per_increment;
+    let travel_mm = axis.travel_max_mm - axis.travel_min_mm;
+    if axis.modulo || travel_mm >= range_mm {
+        let what = match axis.modulo {
+            true => "turns without end".to_string(),
+            false => format!("has a travel of {travel_mm:.1} mm"),
+        };
+        bail!(
+            "axis {}: drive.encoder_turns = {turns}: its encoder shows the same again after {range_mm:.1} mm, and the axis {what}: home it \
+             ([axis.homing])",
             axis.name
         );
     }
     Ok(())
+}
+
+/// The drive latches the contact of the probe, both ways.
+fn judge_probe(axis: &Axis, drive: &DriveFile) -> anyhow::Result<()> {
+    let latches = axis
+        .drive
+        .as_ref()
+        .is_some_and(|drive| drive.probe_edge.is_some());
+    if latches && !(can_latch(drive, Edge::Rising) || can_latch(drive, Edge::Falling)) {
+        bail!(
+            "axis {}: drive.probe_edge needs 60B8, 60B9, and 60BA or 60BB in the process data of its drive file: its touch-probe unit \
+             latches the contact",
+            axis.name
+        );
+    }
+    Ok(())
+}
+
+fn can_latch(drive: &DriveFile, edge: Edge) -> bool {
+    let data = &drive.process_data;
+    let unit = TouchProbe::of(&data.receive, &data.transmit, false);
+    unit.is_some_and(|unit| unit.can(edge))
 }

@@ -15,7 +15,7 @@ mod segment;
 mod wiring;
 
 pub use error::StartUpError;
-pub use found::{FoundPdo, FoundSlave, ObjectData, ObjectValue, Written};
+pub use found::{FoundPdo, FoundSlave, FoundSync, ObjectData, ObjectValue, Written};
 pub use scan::{read_object, scan, write_object};
 pub use segment::start_up;
 

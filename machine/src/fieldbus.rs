@@ -76,7 +76,7 @@ pub enum Sync {
 }
 
 /// The drive of an axis.
-#[derive(Debug, Clone, PartialEq, Eq, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
 pub struct AxisDrive {
     /// Its [drive file](drive-file.md), a path below the folder of this file.
     pub file: String,
@@ -87,6 +87,21 @@ pub struct AxisDrive {
     /// on; the drive file, the same for all of them, has the entries of each in its process data.
     #[schemars(extend("minimum" = 1, "maximum" = AXES_OF_DRIVE_MAX, "default" = 1))]
     pub axis: u32,
+    /// Of an axis with an absolute encoder: position of the machine where the drive shows 0
+    /// ([how to find it](../howto/drives.md#absolute-encoders)).
+    #[schemars(extend("unit" = "mm", "minimum" = -100_000, "maximum" = 100_000, "default" = 0.0))]
+    pub zero_mm: f64,
+    /// Turns of the motor that its absolute encoder tells apart: 1 of a single-turn encoder, 4096 of one of 12 bits of turns. The axis is
+    /// within its travel then, wherever the encoder begins anew. Without it as many as 32 bits of position hold.
+    #[schemars(extend("unit" = "turns", "minimum" = 1, "maximum" = 16_777_216))]
+    pub encoder_turns: Option<u32>,
+    /// Highest torque that the drive may give, either way, of its rated torque: written to it before it operates (60E0 and 60E1, or 6072
+    /// where it lacks them) and read back. Without it as the drive is set up.
+    #[schemars(extend("unit" = "%", "exclusiveMinimum" = 0, "maximum" = 1000))]
+    pub torque_limit_percent: Option<f64>,
+    /// Which edge of touch-probe input 1 of the drive is contact, where the touch probe is wired to it: the drive latches its position
+    /// there ([probing](../howto/probe.md#drives-on-a-bus)). Without it the drive latches nothing.
+    pub probe_edge: Option<ProbeEdge>,
     /// Bits of its digital inputs (object 60FD) that are digital inputs of the machine, from `first_input` on in this order. The drive
     /// file must have 60FD in its process data.
     #[schemars(length(max = 32), extend("default" = []), inner(range(min = 0, max = 31)))]
@@ -94,6 +109,16 @@ pub struct AxisDrive {
     /// Number of the machine's digital input that the first of `input_bits` is.
     #[schemars(extend("minimum" = 0, "maximum" = bus::sample::DIGITAL_INPUTS - 1, "default" = 0))]
     pub first_input: u32,
+}
+
+/// The edge of an input that is contact.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum ProbeEdge {
+    /// The input goes on.
+    Rising,
+    /// It goes off, as of a probe that opens its contact.
+    Falling,
 }
 
 /// Most axes of a drive: so many have objects from 6000h to 9FFFh (ETG.6010).

@@ -73,6 +73,11 @@ pub const JOG_ACCELERATION_SHARE: f64 = 0.2;
 pub const INDEX_TURNS: f64 = 1.5;
 
 impl HomingMethod {
+    /// Whether it has the index of the motor encoder.
+    pub fn has_index(self) -> bool {
+        matches!(self, HomingMethod::Index | HomingMethod::SwitchIndex)
+    }
+
     /// Whether it has a switch.
     pub fn has_switch(self) -> bool {
         matches!(self, HomingMethod::Switch | HomingMethod::SwitchIndex)

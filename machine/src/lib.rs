@@ -57,7 +57,9 @@ pub use axis::{
 };
 pub use axis_kind::AxisKind;
 pub use beginning::{Beginning, MODES_OF_END, SPINDLE_FILE};
-pub use fieldbus::{AXES_OF_DRIVE_MAX, AxisDrive, Fieldbus, SpindleDrive, Sync, Terminal};
+pub use fieldbus::{
+    AXES_OF_DRIVE_MAX, AxisDrive, Fieldbus, ProbeEdge, SpindleDrive, Sync, Terminal,
+};
 pub use gantry::{Gantry, SECOND_MOTOR};
 pub use gantry_pair::GantryPair;
 pub use homing::{Homing, HomingDirection, HomingMethod, INDEX_TURNS, JOG_ACCELERATION_SHARE};

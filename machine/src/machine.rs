@@ -12,7 +12,7 @@ use crate::alarms::Alarm;
 use crate::auxiliary::{Spindle, ToolChange};
 use crate::axis::Axis;
 use crate::beginning::Beginning;
-use crate::fieldbus::Fieldbus;
+use crate::fieldbus::{AxisDrive, Fieldbus};
 use crate::interpolation::Interpolation;
 use crate::kept_files::KeptFiles;
 use crate::kinematics::Kinematics;
@@ -238,6 +238,14 @@ impl Machine {
         drive
             .and_then(|drive| drive.slave)
             .map_or(axis, |slave| slave as usize)
+    }
+
+    /// Whether a drive on the bus or a signal is this digital input.
+    pub fn has_digital_input(&self, number: u32) -> bool {
+        let drives = self.axes.iter().filter_map(|axis| axis.drive.as_ref());
+        let mut of_drives = drives.flat_map(AxisDrive::inputs);
+        let mut of_signals = self.signals.iter().filter_map(|signal| signal.to.as_ref());
+        of_drives.any(|(_, input)| input == number) || of_signals.any(|to| to.input == Some(number))
     }
 
     /// Cycles in a row without an answer after which a device on the bus is lost: by then it has stopped by itself.

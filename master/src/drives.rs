@@ -136,6 +136,9 @@ pub struct DriveFeedback {
     /// Position of the motor encoder, in mm of travel, that was latched at its index, if the index passed in the scan that ended: what
     /// the touch-probe unit of a drive latches at the zero impulse (CiA 402 objects 60B8h and 60BAh).
     pub index_mm: Option<f64>,
+    /// The same of contact of the touch probe that is watched ([`Drives::watch_probe`]), in the scan in which the drive shows what it
+    /// latched (60BAh, 60BBh).
+    pub probe_mm: Option<f64>,
     /// It was without power, or reset, before the bus was started up last: where it is, it may believe only.
     pub restarted: bool,
     /// Whether it follows commands.
@@ -212,6 +215,10 @@ pub trait Drives {
     /// Whose brakes the controller wants open in this scan, a bit for each axis: of those that it opens and closes. Called once a scan,
     /// before [`exchange`](Drives::exchange). A brake that nobody wants open any more closes.
     fn open_brakes(&mut self, _axes: u64) {}
+
+    /// Which change of the contact of the touch probe is waited for in this scan, made or lost: drives with a touch-probe unit latch where
+    /// they are. Called once a scan, before [`exchange`](Drives::exchange).
+    fn watch_probe(&mut self, _made: Option<bool>) {}
 
     /// What spindle, coolant, outputs and tool changer are to be in this scan; called once a scan, before
     /// [`exchange`](Drives::exchange). Levels stay until they change. A master that dies says nothing more: the spindle then stops by

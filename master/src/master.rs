@@ -60,7 +60,7 @@ use manual::Manual;
 use modes::Modes;
 use program::Loaded;
 pub use program::RunEnd;
-use questions::program_position;
+use questions::{latched_position, program_position};
 use signals::NamedSignals;
 use silence::NextScan;
 use switching_on::SwitchingOn;
@@ -240,6 +240,7 @@ impl<D: Drives> Master<D> {
         self.step_brakes();
         let levels = self.auxiliary.levels();
         self.drives.command_levels(&levels);
+        self.drives.watch_probe(self.auxiliary.questions.watched());
         self.command_signals(&levels);
         self.drives.exchange(&self.drive_commands);
         self.signals.take(&self.drives, self.scan);
@@ -270,7 +271,11 @@ impl<D: Drives> Master<D> {
         let to = self.axes.on_path(program_position);
         let mut inputs = self.drives.inputs();
         self.signals.give_inputs(&mut inputs);
-        self.auxiliary.questions.take(inputs, &from, &to);
+        let questions = &mut self.auxiliary.questions;
+        questions.take(inputs, &from, &to);
+        if questions.watched().is_some() {
+            questions.take_latched(self.axes.on_path(latched_position));
+        }
         let out = &mut self.seen;
         (out.motion_digest_high, out.motion_digest_low) = self.digest.end();
         out

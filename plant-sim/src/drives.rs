@@ -316,6 +316,7 @@ impl Drives for SimulatedDrives {
             torque_limited: simulation.torque_limited(),
             referenced: axis.homing.referenced(),
             index_mm: axis.homing.index_mm(),
+            probe_mm: None,
             state: match axis.off || !simulation.follows() {
                 true => DriveState::Off,
                 false => DriveState::Ready,

@@ -10,7 +10,7 @@ use fieldbus::cia402;
 use fieldbus::link::Socket;
 use fieldbus::process::claim::Claim;
 use fieldbus::setups;
-use fieldbus::start_up::{self, FoundPdo, FoundSlave};
+use fieldbus::start_up::{self, FoundPdo, FoundSlave, FoundSync};
 use machine::{Machine, machine_file};
 use serde::Serialize;
 
@@ -30,7 +30,7 @@ const NAME_LETTERS: usize = 18;
 pub fn scan(options: &BusScanOptions) -> Outcome {
     let places = options.machine.as_deref().map(places).transpose().input()?;
     let (_claim, socket) = open(&options.interface)?;
-    let slaves = start_up::scan(&socket).environment()?;
+    let slaves = start_up::scan(&socket, options.dc).environment()?;
     if options.json {
         say(&json(&options.interface, &slaves));
     } else {
@@ -93,6 +93,7 @@ fn text(interface: &str, slaves: &[FoundSlave]) -> String {
         let beginning = format!("Before the scan {} in ", was(&places));
         lines.extend(wrapped(&beginning, &words));
     }
+    lines.extend(clocks(slaves));
     for (words, places) in grouped(slaves, process_data_words) {
         lines.push(String::new());
         lines.push(format!("Process data of {}:", places_words(&places)));
@@ -101,6 +102,58 @@ fn text(interface: &str, slaves: &[FoundSlave]) -> String {
         }
     }
     lines.join("\n")
+}
+
+/// How the slaves keep time, where that was asked for.
+fn clocks(slaves: &[FoundSlave]) -> Vec<String> {
+    let asked = slaves.iter().enumerate();
+    let asked = asked.filter_map(|(place, slave)| Some((place, slave, slave.sync?)));
+    let shown = |value: Option<String>| value.unwrap_or_else(|| "-".into());
+    let count = |value: Option<u64>| shown(value.map(|value| value.to_string()));
+    let us = |ns: f64| format!("{:.3}", ns * 1e-3);
+    let rows = asked.map(|(place, slave, sync)| {
+        let delay = slave.clocks.then(|| us(slave.delay_ns.into()));
+        let [off, cycle, copying] = [
+            sync.clock_off_ns.map(|ns| us(ns.into())),
+            sync.cycle_min_ns.map(|ns| us(ns as f64)),
+            sync.taking_in_ns.map(|ns| us(ns as f64)),
+        ];
+        let error = sync.has_error.map(|error| if error { "yes" } else { "no" });
+        format!(
+            "{place:>5}  {:>8}  {:>8}  {:12}  {:>8}  {:>8}  {:>6}  {:>6}  {:>5}  {:>5}",
+            shown(delay),
+            shown(off),
+            shown(sync.kinds.map(kinds)),
+            shown(cycle),
+            shown(copying),
+            count(sync.error_limit),
+            count(sync.missed),
+            count(sync.too_short),
+            shown(error.map(String::from)),
+        )
+    });
+    let rows: Vec<String> = rows.collect();
+    if rows.is_empty() {
+        return rows;
+    }
+    let head = [
+        String::new(),
+        "Clocks, in µs: cable delay, off the reference; then what 1C32 and 10F1 say of synchronisation:".into(),
+        String::new(),
+        format!(
+            "place  {:>8}  {:>8}  {:12}  {:>8}  {:>8}  {:>6}  {:>6}  {:>5}  {:>5}",
+            "delay", "off", "can", "cycle >=", "takes in", "limit", "missed", "short", "error"
+        ),
+    ];
+    head.into_iter().chain(rows).collect()
+}
+
+/// Ways of synchronisation in words (1C32:4, ETG.1020).
+fn kinds(bits: u64) -> String {
+    let kinds = [(0b1, "free"), (0b10, "frame"), (0b1_1100, "SYNC")];
+    let kinds = kinds.iter().filter(|(bit, _)| bits & bit != 0);
+    let words: Vec<&str> = kinds.map(|(_, word)| *word).collect();
+    words.join(" ")
 }
 
 /// The first letters of a name that is long.
@@ -206,6 +259,8 @@ struct JsonSlave<'a> {
     profile: Option<u16>,
     distributed_clocks: bool,
     cable_delay_ns: u32,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    sync: Option<FoundSync>,
     receive: Vec<JsonPdo>,
     transmit: Vec<JsonPdo>,
 }
@@ -257,6 +312,7 @@ fn json(interface: &str, slaves: &[FoundSlave]) -> String {
             profile: slave.profile,
             distributed_clocks: slave.clocks,
             cable_delay_ns: slave.delay_ns,
+            sync: slave.sync,
             receive: json_pdos(&slave.receive),
             transmit: json_pdos(&slave.transmit),
         }
@@ -291,6 +347,7 @@ mod tests {
                 entries: gaps.collect(),
             }],
             delay_ns: 300,
+            sync: None,
         }
     }
 

@@ -151,7 +151,7 @@ pub struct BusCheckOptions {
 /// What `quadrant bus scan` takes.
 #[derive(Debug, Clone, Args)]
 #[command(
-    after_help = "INTERFACE is a network interface of this PC that goes to the IN port of the first drive, and to nothing else (`ip link` lists them):\n  quadrant bus scan eth1\n  quadrant bus scan eth1 --json\n  quadrant bus scan eth1 --machine machines/mine\n\nSlaves are listed in the order of the cable: `place` is what `slave` in [axis.drive] of the machine file counts from 0. `vendor`, `product` and `revision` are what [identity] of a drive file has to say, process data what [process_data] has to say. `profile` is 402 with drives of CiA 402. `clocks` says whether sync = \"dc\" is possible.\n\nNothing is enabled. All slaves go to PRE-OP and stay there; a drive that somebody else drives at that time stops by its own reaction. While a cell of quadrant drives the segment, the scan is refused.\n\nExit status 3: no such interface, it is off or has no link, no right to open raw sockets, a cell drives it, or nobody answers."
+    after_help = "INTERFACE is a network interface of this PC that goes to the IN port of the first drive, and to nothing else (`ip link` lists them):\n  quadrant bus scan eth1\n  quadrant bus scan eth1 --json\n  quadrant bus scan eth1 --machine machines/mine\n  quadrant bus scan eth1 --dc\n\nSlaves are listed in the order of the cable: `place` is what `slave` in [axis.drive] of the machine file counts from 0. `vendor`, `product` and `revision` are what [identity] of a drive file has to say, process data what [process_data] has to say. `profile` is 402 with drives of CiA 402. `clocks` says whether sync = \"dc\" is possible; --dc tells more of it: the delay of the cable up to each slave, how far its clock is off once the clocks have had some seconds to agree, what it can be synchronised with, its shortest cycle, how long it takes outputs in, how many sync errors it bears (10F1:2: three for each cycle that misses its data), and what it has counted.\n\nNothing is enabled. All slaves go to PRE-OP and stay there; a drive that somebody else drives at that time stops by its own reaction. While a cell of quadrant drives the segment, the scan is refused.\n\nExit status 3: no such interface, it is off or has no link, no right to open raw sockets, a cell drives it, or nobody answers."
 )]
 pub struct BusScanOptions {
     /// The network interface
@@ -159,6 +159,9 @@ pub struct BusScanOptions {
     /// Say what this machine has at each place, and which signals that carries
     #[arg(long, value_name = "MACHINE", conflicts_with = "json")]
     pub machine: Option<PathBuf>,
+    /// Say how the slaves keep time: distributed clocks
+    #[arg(long)]
+    pub dc: bool,
     /// Print JSON
     #[arg(long)]
     pub json: bool,

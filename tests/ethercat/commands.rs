@@ -56,6 +56,36 @@ fn a_scan_lists_who_is_on_the_cable_and_enables_nothing() {
 }
 
 #[test]
+fn a_scan_tells_how_drives_keep_time() {
+    let Some(network) = Network::new() else {
+        return;
+    };
+    let clocks = ["--drives", "3", "--drift-ppm", "0,40,-25", "--io", "3"];
+    let segment = network.live_segment(&clocks);
+    let table = stdout(&network.quadrant(&["bus", "scan", MASTER, "--dc"]));
+    let head = "place     delay       off  can";
+    assert!(table.contains(head), "{table}");
+    for line in table.lines() {
+        assert!(line.chars().count() <= 100, "{line}");
+    }
+    let json = stdout(&network.quadrant(&["bus", "scan", MASTER, "--dc", "--json"]));
+    let json: Value = serde_json::from_str(&json).expect("JSON");
+    for place in 0..3 {
+        let slave = &json["slaves"][place];
+        let sync = &slave["sync"];
+        assert_eq!(slave["cable_delay_ns"], 300 * place, "{json}");
+        assert_eq!(sync["kinds"], 5, "{json}");
+        assert_eq!(sync["cycle_min_ns"], 1_000_000, "{json}");
+        assert_eq!(sync["error_limit"], 9, "{json}");
+        let off_ns = sync["clock_off_ns"].as_i64().expect("a number");
+        assert!(off_ns.abs() < 5_000, "{off_ns}: {json}");
+    }
+    // Without a mailbox it tells nothing.
+    assert_eq!(json["slaves"][3]["sync"]["kinds"], Value::Null, "{json}");
+    drop(segment);
+}
+
+#[test]
 fn an_object_is_read_and_written_and_a_refusal_is_in_words() {
     let Some(network) = Network::new() else {
         return;

@@ -73,6 +73,11 @@ impl Run<'_> {
         let mut options = vec!["--drives", "3"];
         options.extend(self.segment);
         let _segment = network.segment(&options);
+        self.run_there(network, machine)
+    }
+
+    /// The same on a segment that is there too.
+    pub fn run_there(&self, network: &Network, machine: &tempfile::TempDir) -> Done {
         let program = circle(machine.path());
         let out = machine.path().join("run");
         let cell = crate::support::unique_cell();

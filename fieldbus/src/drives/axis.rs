@@ -4,9 +4,11 @@ use bus::drive_codes::Silence;
 use bus::drive_page::{Inputs, SlaveWiring};
 use master::{DriveCommand, DriveFeedback, DriveState};
 
+use super::encoder_place::{AbsoluteEncoder, EncoderPlace};
 use super::homing::DriveHoming;
 use super::position_target::PositionTarget;
 use super::state_walk::{DeviceState, QUICK_STOP, StateWalk, Want};
+use super::touch_probe::{Edge, TouchProbe};
 use super::units::Units;
 use crate::cia402::{self, OperatingMode};
 use crate::drive_file::DriveFile;
@@ -29,6 +31,12 @@ pub(super) struct Moved {
     pub is_homed: bool,
     /// The controller opens its brake.
     pub has_brake: bool,
+    /// Its encoder, where that is absolute.
+    pub encoder: AbsoluteEncoder,
+    /// The index of the motor encoder is looked for.
+    pub looks_for_index: bool,
+    /// Which edge of the probe input of its drive is contact, where the drive latches it.
+    pub probe_edge: Option<Edge>,
 }
 
 /// Fields of the process data of a drive, from the start of its own.
@@ -54,18 +62,6 @@ pub(super) struct Fields {
     digital_inputs: Option<Field>,
 }
 
-fn field(pdos: &[Pdo], index: u16) -> Option<Field> {
-    sub_field(pdos, index, 0)
-}
-
-fn sub_field(pdos: &[Pdo], index: u16, sub: u8) -> Option<Field> {
-    let (at_bits, entry) = process_data::find(pdos, index, sub)?;
-    Some(Field {
-        at_bits: at_bits as usize,
-        bits: entry.bits,
-    })
-}
-
 /// Writes where the drive takes it.
 fn write(field: Option<Field>, own: &mut [u8], value: i64) {
     if let Some(field) = field {
@@ -77,6 +73,7 @@ impl Fields {
     /// Of a drive file; none if it has no controlword or statusword, or an axis no position, which its rules refuse.
     fn of(drive: &DriveFile, has_brake: bool) -> Option<Fields> {
         let (receive, transmit) = (&drive.process_data.receive, &drive.process_data.transmit);
+        let field = |pdos: &[Pdo], index: u16| process_data::field(pdos, index, 0);
         let (target_velocity, velocity) = drive.mode.operate.velocity_objects();
         let position = field(transmit, cia402::POSITION);
         if position.is_none() && drive.mode.operate.drives_axes() {
@@ -90,7 +87,7 @@ impl Fields {
             target_position: field(receive, cia402::TARGET_POSITION),
             velocity_offset: field(receive, cia402::VELOCITY_OFFSET),
             torque_offset: field(receive, cia402::TORQUE_OFFSET),
-            brake: sub_field(receive, cia402::DIGITAL_OUTPUTS, 1).filter(|_| has_brake),
+            brake: process_data::field(receive, cia402::DIGITAL_OUTPUTS, 1).filter(|_| has_brake),
             constants: process_data::constants(receive),
             statusword: field(transmit, cia402::STATUSWORD)?,
             mode_display: field(transmit, cia402::MODE_DISPLAY),
@@ -116,10 +113,18 @@ pub(super) struct DriveAxis {
     walk: StateWalk,
     /// What it knows of its place.
     pub homing: DriveHoming,
+    encoder: EncoderPlace,
     /// Increments counted over the ends of 32 bits.
     pub counted: i64,
     /// It has been seen once: `counted` is its own.
     seen: bool,
+    /// The position that the drive showed last to this process.
+    raw: Option<i32>,
+    touch_probe: Option<TouchProbe>,
+    /// The edge of the probe input that is contact, where the drive latches it.
+    contact: Option<Edge>,
+    /// Which change of the contact is waited for: made, or lost.
+    pub watches: Option<bool>,
     /// The start-up in which it was seen last.
     start_up: u64,
     device: DeviceState,
@@ -142,10 +147,18 @@ pub(super) struct DriveAxis {
 impl DriveAxis {
     /// The drive of an axis, before it has been seen; none if its file lacks what every mode needs.
     pub fn new(drive: &DriveFile, moved: Moved, scan_s: f64, missed_max: u32) -> Option<DriveAxis> {
+        let data = &drive.process_data;
+        let units = Units::of(drive, moved.lead_mm);
         Some(DriveAxis {
             fields: Fields::of(drive, moved.has_brake)?,
             opens_brake: false,
-            units: Units::of(drive, moved.lead_mm),
+            units,
+            encoder: EncoderPlace::of(drive, &moved.encoder, units.mm_per_increment),
+            raw: None,
+            touch_probe: TouchProbe::of(&data.receive, &data.transmit, moved.looks_for_index)
+                .filter(|_| moved.looks_for_index || moved.probe_edge.is_some()),
+            contact: moved.probe_edge,
+            watches: None,
             operate: drive.mode.operate,
             scan_s,
             quick_stop_mm_s2: moved.quick_stop_mm_s2,
@@ -169,9 +182,10 @@ impl DriveAxis {
         })
     }
 
-    /// Goes on from a count that was saved, the drive's own 32 bits are the nearest to it; and from its reference.
+    /// Goes on from a count that was saved, what the drive shows is the nearest to it; and from its reference.
     pub fn count_from(&mut self, counted: i64, referenced: bool) {
-        self.counted = counted;
+        let shown = |raw| self.encoder.place(raw, Some(counted));
+        self.counted = self.raw.map_or(counted, shown);
         self.seen = true;
         self.homing.restore(referenced);
     }
@@ -210,6 +224,7 @@ impl DriveAxis {
         outputs(image, &mut |own| {
             self.write_common(own, controlword);
             self.write_brake(own);
+            self.write_touch_probe(own);
             self.write_targets(own, position_mm, torque_nm, follows);
         });
         outputs(silent, &mut |own| {
@@ -292,6 +307,23 @@ impl DriveAxis {
         }
     }
 
+    /// What the drive is to latch. Where nobody speaks any more it is nothing.
+    fn write_touch_probe(&mut self, own: &mut [u8]) {
+        let probe = self.watches.and_then(|made| self.edge(made));
+        if let Some(unit) = &mut self.touch_probe {
+            unit.command(probe, own);
+        }
+    }
+
+    /// The edge at the drive that is contact made, or lost.
+    fn edge(&self, made: bool) -> Option<Edge> {
+        self.contact.map(|edge| match (edge, made) {
+            (Edge::Rising, false) => Edge::Falling,
+            (Edge::Falling, false) => Edge::Rising,
+            (edge, _) => edge,
+        })
+    }
+
     fn write_targets(
         &mut self,
         own: &mut [u8],
@@ -326,9 +358,7 @@ impl DriveAxis {
             Some(position) => self.target.set(self.counted, position),
             None => self.target.go_on(self.counted, step),
         };
-        if let Some(field) = self.fields.target_position {
-            field.write(own, target as u32);
-        }
+        self.write_target_position(own, target);
         let velocity = libm::round(velocity_mm_s * self.units.velocity_per_mm_s) as i64;
         write(self.fields.velocity_offset, own, velocity);
         write(self.fields.torque_offset, own, torque);
@@ -345,8 +375,17 @@ impl DriveAxis {
         for field in none.into_iter().flatten() {
             field.write(own, 0);
         }
+        self.write_target_position(own, self.counted);
+    }
+
+    /// A place as the drive counts: as far from what it shows as from what is counted here.
+    fn write_target_position(&self, own: &mut [u8], counted: i64) {
+        let target = match self.raw {
+            Some(raw) => counted.wrapping_sub(self.counted).wrapping_add(raw.into()),
+            None => counted,
+        };
         if let Some(field) = self.fields.target_position {
-            field.write(own, self.counted as u32);
+            field.write(own, target as u32);
         }
     }
 
@@ -364,15 +403,15 @@ impl DriveAxis {
         self.device = DeviceState::of(statusword);
         let raw = fields.position.map_or(0, |field| field.read_signed(own));
         let shown_mode = fields.mode_display.map(|field| field.read_signed(own));
-        if self.homing.take(statusword, shown_mode) {
+        let restarted = wiring.restarted == 1 && self.start_up != start_up;
+        self.start_up = start_up;
+        self.counted = match self.raw.filter(|_| !restarted) {
             // From here on the drive counts from its reference.
-            self.counted = raw.into();
-        }
-        let step = raw.wrapping_sub(self.counted as i32);
-        self.counted = match self.seen {
-            true => self.counted.saturating_add(step.into()),
-            false => raw.into(),
+            _ if self.homing.take(statusword, shown_mode) => raw.into(),
+            Some(before) => self.counted.saturating_add(raw.wrapping_sub(before).into()),
+            None => self.encoder.place(raw, self.seen.then_some(self.counted)),
         };
+        self.raw = Some(raw);
         let position_mm = self.counted as f64 * self.units.mm_per_increment;
         let differs_mm = position_mm - self.shown.motor_position_mm;
         let velocity_mm_s = match fields.velocity {
@@ -381,14 +420,22 @@ impl DriveAxis {
             None => 0.0,
         };
         self.seen = true;
-        let restarted = wiring.restarted == 1 && self.start_up != start_up;
-        self.start_up = start_up;
         let torque = fields.torque.map_or(0, |field| field.read_signed(own));
         let in_mode = shown_mode.is_none_or(|mode| {
             i64::from(mode) == self.operate.value() || self.homing.may_show(mode)
         });
         let code = fields.error_code.map_or(0, |field| field.read(own));
         self.digital_inputs = fields.digital_inputs.map_or(0, |field| field.read(own));
+        let (mut index_mm, mut probe_mm) = (None, None);
+        let came = self.touch_probe.iter_mut().flat_map(|unit| unit.take(own));
+        for (edge, at) in came {
+            let counted = self.counted.saturating_add(at.wrapping_sub(raw).into());
+            let latched = match edge {
+                Edge::Index => &mut index_mm,
+                Edge::Rising | Edge::Falling => &mut probe_mm,
+            };
+            *latched = Some(counted as f64 * self.units.mm_per_increment);
+        }
         self.shown = DriveFeedback {
             motor_position_mm: position_mm,
             scale_position_mm: None,
@@ -397,7 +444,8 @@ impl DriveAxis {
             winding_rise_k: 0.0,
             torque_limited: statusword & LIMIT_ACTIVE != 0,
             referenced: self.homing.is_referenced(),
-            index_mm: None,
+            index_mm,
+            probe_mm,
             restarted,
             state: match self.device {
                 DeviceState::OperationEnabled if in_mode => DriveState::Ready,
@@ -413,6 +461,7 @@ impl DriveAxis {
         if self.missed >= self.missed_max {
             self.lose(silence as u32);
         } else {
+            (self.shown.index_mm, self.shown.probe_mm) = (None, None);
             self.shown.motor_position_mm += self.shown.velocity_mm_s * self.scan_s;
         }
     }
@@ -420,6 +469,9 @@ impl DriveAxis {
     /// It does not answer, or takes no outputs, for the reason that the bus has: where it is, nobody knows.
     pub fn lose(&mut self, code: u32) {
         self.homing.lose();
+        if let Some(unit) = &mut self.touch_probe {
+            unit.lose();
+        }
         self.shown.referenced = self.homing.is_referenced();
         self.shown.state = DriveState::Lost { code };
         self.shown.velocity_mm_s = 0.0;

@@ -11,10 +11,12 @@ use master::{
 };
 
 use super::axis::{DriveAxis, Moved};
+use super::encoder_place::AbsoluteEncoder;
 use super::signal_places::SignalPlaces;
 use super::signals::{DeviceSignals, TerminalSetup};
 use super::silence::SilenceSeen;
 use super::spindle::DrivenSpindle;
+use super::touch_probe::Edge;
 use crate::drive_file::{DriveFile, ProcessData};
 use crate::link::OPERATIONAL;
 
@@ -59,6 +61,8 @@ pub struct DriveSetup {
     pub slave: usize,
     /// Following error that trips its axis, in increments of the drive.
     pub following_error_increments: u32,
+    /// Highest torque that it may give, in thousandths of the rated one; none where that is left to the drive.
+    pub torque_limit: Option<u16>,
 }
 
 /// Drive and terminal files of a machine with a fieldbus, and what to know of them.
@@ -296,6 +300,26 @@ fn moved_by(axis: &machine::Axis) -> Moved {
         quick_stop_mm_s2: axis.quick_stop_mm_s2,
         is_homed: axis.homing.is_some(),
         has_brake: axis.commanded_brake().is_some(),
+        encoder: absolute_encoder(axis),
+        looks_for_index: axis.homing.is_some_and(|of| of.method.has_index()),
+        probe_edge: axis
+            .drive
+            .as_ref()
+            .and_then(|drive| drive.probe_edge)
+            .map(Edge::from),
+    }
+}
+
+/// What is known of the encoder of an axis before it is seen: nothing where the axis is homed.
+fn absolute_encoder(axis: &machine::Axis) -> AbsoluteEncoder {
+    let Some(drive) = axis.drive.as_ref().filter(|_| axis.homing.is_none()) else {
+        return AbsoluteEncoder::default();
+    };
+    let middle_mm = f64::midpoint(axis.travel_min_mm, axis.travel_max_mm);
+    AbsoluteEncoder {
+        zero_mm: drive.zero_mm,
+        turns: drive.encoder_turns,
+        middle_mm: if axis.modulo { 0.0 } else { middle_mm },
     }
 }
 
@@ -352,6 +376,12 @@ impl<W: Wire> Drives for Cia402Drives<W> {
     fn open_brakes(&mut self, axes: u64) {
         for (index, axis) in self.axes.iter_mut().enumerate() {
             axis.drive.opens_brake = axes >> index & 1 == 1;
+        }
+    }
+
+    fn watch_probe(&mut self, made: Option<bool>) {
+        for axis in &mut self.axes {
+            axis.drive.watches = made;
         }
     }
 

@@ -6,6 +6,7 @@ use master::{AuxiliaryFeedback, DriveCommand, DriveState};
 
 use super::axis::{DriveAxis, Moved};
 use super::cia402_drives::DriveSetup;
+use super::encoder_place::AbsoluteEncoder;
 
 /// Below this the spindle stands, in turns/s: 1 rev/min.
 const STANDS_TURNS_S: f64 = 1.0 / 60.0;
@@ -65,6 +66,9 @@ impl DrivenSpindle {
             quick_stop_mm_s2: ramp_turns_s2,
             is_homed: false,
             has_brake: false,
+            encoder: AbsoluteEncoder::default(),
+            looks_for_index: false,
+            probe_edge: None,
         };
         Some(DrivenSpindle {
             drive: DriveAxis::new(&setup.drive, moved, scan_s, machine.missed_cycles_max())?,

@@ -74,7 +74,24 @@ fn configure_axis(
         let object = (cia402::on_axis(cia402::FOLLOWING_ERROR_WINDOW, axis), 0);
         talk.set(object, 32, window, Source::FollowingErrorWindow)?;
     }
+    if let Some(limit) = setup.torque_limit {
+        limit_torque(talk, limit, axis)?;
+    }
     set_mode(talk, drive, axis)
+}
+
+/// Both ways on their own where the drive has objects for that, else together.
+fn limit_torque(talk: &mut Talk<'_, '_, '_>, limit: u16, axis: u16) -> Result<(), StartUpError> {
+    let [positive, negative, both] = cia402::TORQUE_LIMITS.map(|of| cia402::on_axis(of, axis));
+    let apart = talk.read(positive, 0).is_ok() && talk.read(negative, 0).is_ok();
+    let objects = if apart {
+        vec![positive, negative]
+    } else {
+        vec![both]
+    };
+    objects
+        .into_iter()
+        .try_for_each(|object| talk.set((object, 0), 16, limit.into(), Source::TorqueLimit))
 }
 
 /// Drives that hear nothing for so long stop by themselves.

@@ -1,5 +1,7 @@
 //! What a slave shows of itself, and the data of its objects.
 
+use serde::Serialize;
+
 /// A PDO of a slave.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct FoundPdo {
@@ -32,6 +34,30 @@ pub struct FoundSlave {
     pub transmit: Vec<FoundPdo>,
     /// Delay of the cable up to it, in ns.
     pub delay_ns: u32,
+    /// How it keeps time, where that was asked for.
+    pub sync: Option<FoundSync>,
+}
+
+/// How a slave keeps time with the others: its clock, and what it says of synchronisation (objects 1C32 and 10F1, ETG.1020); none of what
+/// it does not say.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
+pub struct FoundSync {
+    /// Difference of its clock from the reference, in ns, after the clocks were given some time to agree (register 092Ch).
+    pub clock_off_ns: Option<i32>,
+    /// Ways of synchronisation that it has, a bit each: 1 with frames, 2 to 4 with SYNC0 and SYNC1 (1C32:4).
+    pub kinds: Option<u64>,
+    /// Shortest cycle, in ns (1C32:5).
+    pub cycle_min_ns: Option<u64>,
+    /// Time that it needs to take outputs in, in ns (1C32:6).
+    pub taking_in_ns: Option<u64>,
+    /// Missed process data that it forgives, three for each (10F1:2).
+    pub error_limit: Option<u64>,
+    /// Cycles in which process data were missing (1C32:11).
+    pub missed: Option<u64>,
+    /// Cycles that were too short (1C32:12).
+    pub too_short: Option<u64>,
+    /// It is out of synchronisation (1C32:32).
+    pub has_error: Option<bool>,
 }
 
 /// The value of an object.

@@ -116,6 +116,8 @@ pub(super) enum Source {
     InterpolationTime,
     /// The limit of the axis, into 6065.
     FollowingErrorWindow,
+    /// `torque_limit_percent` of the axis's drive.
+    TorqueLimit,
     /// `[mode]` of the drive file.
     Mode,
 }
@@ -146,6 +148,9 @@ impl Source {
             }
             (Source::FollowingErrorWindow, ..) => {
                 "set following_error_limit_mm of the axis to what the drive takes".into()
+            }
+            (Source::TorqueLimit, ..) => {
+                "set torque_limit_percent in [axis.drive] of the machine file to what the drive takes, or take it out".into()
             }
             (Source::Mode, ..) => {
                 "make the drive file with `--mode` of one that the drive has".into()

@@ -10,13 +10,18 @@ use ethercrab::error::Error;
 
 use super::driver::{Driver, Storage, master, read_everywhere};
 use super::error::StartUpError;
-use super::found::{FoundPdo, FoundSlave, ObjectData, ObjectValue, Written};
+use super::found::{FoundPdo, FoundSlave, FoundSync, ObjectData, ObjectValue, Written};
 use super::objects::{Talk, is_write_only, words};
 use crate::cia402;
 use crate::link::{AL_STATUS, Socket};
 
 /// Time for a mailbox.
 const MAILBOX: Duration = Duration::from_secs(2);
+/// Difference of a slave's clock from the reference (ETG.1000.4), and its sign.
+const CLOCK_DIFFERENCE: u16 = 0x092C;
+const SIGN: u32 = 1 << 31;
+/// Frames in which clocks agree with the reference.
+const CLOCK_FRAMES: u32 = 2_000;
 /// AL status and AL status code of a slave.
 type AlStatus = (u16, u16);
 
@@ -43,13 +48,40 @@ fn pdos(talk: &mut Talk<'_, '_, '_>, assign: u16) -> Vec<FoundPdo> {
     found
 }
 
-/// Lists the slaves of a segment. All of them go to PRE-OP: not on a segment that runs.
+/// What a slave says of its clock, and of synchronisation.
+fn sync(talk: &mut Talk<'_, '_, '_>) -> FoundSync {
+    let mut number = |index, sub| Some(talk.read(index, sub).ok()?.value);
+    let mut of_outputs = |sub| number(cia402::SYNC_OF_OUTPUTS, sub);
+    let mut found = FoundSync {
+        kinds: of_outputs(4),
+        cycle_min_ns: of_outputs(5),
+        taking_in_ns: of_outputs(6),
+        missed: of_outputs(11),
+        too_short: of_outputs(12),
+        has_error: of_outputs(32).map(|error| error != 0),
+        error_limit: number(cia402::SYNC_ERRORS, 2),
+        clock_off_ns: None,
+    };
+    if talk.slave.dc_support().any() {
+        let read = talk.slave.register_read::<u32>(CLOCK_DIFFERENCE);
+        let read = talk.driver.run(read).ok();
+        // Its highest bit is its sign.
+        found.clock_off_ns = read.map(|word| {
+            let size = (word & !SIGN) as i32;
+            if word & SIGN == 0 { size } else { -size }
+        });
+    }
+    found
+}
+
+/// Lists the slaves of a segment; `keeps_time` asks how they keep time as well. All of them go to PRE-OP: not on a segment that runs.
 ///
 /// # Errors
 /// [`StartUpError`].
-pub fn scan(socket: &Rc<Socket>) -> Result<Vec<FoundSlave>, StartUpError> {
+pub fn scan(socket: &Rc<Socket>, keeps_time: bool) -> Result<Vec<FoundSlave>, StartUpError> {
     let mut found = Vec::new();
-    with_slaves(socket, |_, before, talk| {
+    let clock_frames = if keeps_time { CLOCK_FRAMES } else { 0 };
+    with_slaves(socket, clock_frames, |_, before, talk| {
         let slave = &talk.slave;
         let identity = slave.identity();
         let mut shown = FoundSlave {
@@ -65,6 +97,7 @@ pub fn scan(socket: &Rc<Socket>) -> Result<Vec<FoundSlave>, StartUpError> {
             al_status_code_before: before.1,
             clocks: slave.dc_support().any(),
             delay_ns: slave.propagation_delay(),
+            sync: None,
             profile: None,
             receive: Vec::new(),
             transmit: Vec::new(),
@@ -74,6 +107,7 @@ pub fn scan(socket: &Rc<Socket>) -> Result<Vec<FoundSlave>, StartUpError> {
             shown.receive = pdos(talk, cia402::RECEIVE_ASSIGN);
             shown.transmit = pdos(talk, cia402::TRANSMIT_ASSIGN);
         }
+        shown.sync = keeps_time.then(|| sync(talk));
         found.push(shown);
         Ok(())
     })?;
@@ -95,12 +129,13 @@ fn states(main: &MainDevice<'_>, driver: &mut Driver<'_>) -> Result<Vec<AlStatus
 /// Does something with every slave of a segment in PRE-OP: its place, the AL status that it had before, and a way to talk to it.
 fn with_slaves(
     socket: &Rc<Socket>,
+    clock_frames: u32,
     mut each: impl FnMut(usize, AlStatus, &mut Talk<'_, '_, '_>) -> Result<(), StartUpError>,
 ) -> Result<(), StartUpError> {
     let interface = &socket.interface;
     let failed = |step: &str, what: String| StartUpError::at(interface, step, &what);
     let storage = Box::new(Storage::new());
-    let (main, mut driver) = master(&storage, socket, MAILBOX, 0)
+    let (main, mut driver) = master(&storage, socket, MAILBOX, clock_frames)
         .ok_or_else(|| failed("starting", "its frames are in use".into()))?;
     let nobody_or = |error| match error {
         Error::Timeout(_) => StartUpError::nobody(interface),
@@ -131,7 +166,7 @@ fn with_slave<T>(
     what: impl FnOnce(&mut Talk<'_, '_, '_>) -> Result<T, StartUpError>,
 ) -> Result<T, StartUpError> {
     let (mut what, mut done, mut count) = (Some(what), None, 0);
-    with_slaves(socket, |at, _, talk| {
+    with_slaves(socket, 0, |at, _, talk| {
         count += 1;
         if at == place
             && let Some(what) = what.take()

@@ -124,6 +124,19 @@ fn judge_axes<'a>(rules: &mut Rules<'_>, machine: &'a Machine) -> Vec<(usize, &'
         if let Some(what) = wrong_path(&drive.file) {
             rules.say(&["drive", "file"], at, &what);
         }
+        if axis.homing.is_some() && (drive.zero_mm != 0.0 || drive.encoder_turns.is_some()) {
+            let what = "goes with an absolute encoder alone: an axis with [axis.homing] has its place by homing.position_mm";
+            let key = if drive.zero_mm != 0.0 {
+                "zero_mm"
+            } else {
+                "encoder_turns"
+            };
+            rules.say(&["drive", key], at, what);
+        }
+        if drive.probe_edge.is_some() && machine.functions.probe.is_none() {
+            let what = "needs the signal of the contact as well: [functions] probe = \"NAME\"";
+            rules.say(&["drive", "probe_edge"], at, what);
+        }
         let slave = machine.slave_of(index);
         let mut others = drives.iter().filter(|(place, ..)| *place == slave);
         if let Some((.., other)) = others.clone().find(|(_, of, _)| of.axis == drive.axis) {

@@ -118,8 +118,8 @@ impl Axes {
     }
 
     /// Something of those of the path, by place on it.
-    pub fn on_path(&self, of: impl Fn(&AxisUnit) -> i64) -> [i64; PATH_AXES] {
-        let mut values = [0; PATH_AXES];
+    pub fn on_path<T: Default + Copy>(&self, of: impl Fn(&AxisUnit) -> T) -> [T; PATH_AXES] {
+        let mut values = [T::default(); PATH_AXES];
         for (value, axis) in values.iter_mut().zip(self.of_path()) {
             *value = of(axis);
         }

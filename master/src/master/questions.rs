@@ -26,13 +26,28 @@ struct Touch {
 pub(super) struct Questions {
     latches: QuestionLatches,
     shown: InputFeedback,
+    /// Inputs have been shown: what they show next may be a change.
+    seen: bool,
     /// Digital inputs in the scan before.
     before: u64,
     /// The probe made contact in the scan that ends.
     touched: bool,
     /// Changes of the contact in the scan that ends, the earlier one first.
     touches: [Option<Touch>; 2],
+    /// Where drives have latched the contact that is watched, as they showed in the scan that ends.
+    latched: [Option<i64>; PATH_AXES],
     scan_s: f64,
+}
+
+/// Share of a scan in which a contact changed of which nobody knows when: at most half a scan off.
+const MIDDLE: f64 = 0.5;
+
+/// The place that the drive of an axis latched, as the program counts it.
+pub(super) fn latched_position(axis: &AxisUnit) -> Option<i64> {
+    let drive = axis.drive();
+    let from_mm = drive.motor_position_mm;
+    let behind = axis.increments(drive.probe_mm? - from_mm);
+    Some(program_position(axis).saturating_add(behind))
 }
 
 /// Where an axis is as its command position counts: by its scale, or by its motor, the lost motion that its servo compensates taken off.
@@ -93,8 +108,9 @@ impl Questions {
     /// What drives and terminals show at the end of a scan in which the axes went from one place to another.
     pub fn take(&mut self, shown: InputFeedback, from: &[i64; PATH_AXES], to: &[i64; PATH_AXES]) {
         self.before = self.shown.digital;
+        let changed = self.seen && self.shown.contact != shown.contact;
         self.touched = !self.shown.contact && (shown.contact || shown.made_at.is_some());
-        self.shown = shown;
+        (self.shown, self.seen) = (shown, true);
         let touch = |made: bool, share: Option<f64>| {
             let share = share?.clamp(0.0, 1.0);
             let mut position = *from;
@@ -108,11 +124,38 @@ impl Questions {
                 position,
             })
         };
-        let touches = [touch(true, shown.made_at), touch(false, shown.lost_at)];
+        let level = |made: bool| (changed && shown.contact == made).then_some(MIDDLE);
+        let touches = [
+            touch(true, shown.made_at.or(level(true))),
+            touch(false, shown.lost_at.or(level(false))),
+        ];
         self.touches = match touches {
             [Some(made), Some(lost)] if lost.share < made.share => [Some(lost), Some(made)],
             touches => touches,
         };
+    }
+
+    /// What drives have latched in the same scan; called while contact is watched.
+    pub fn take_latched(&mut self, latched: [Option<i64>; PATH_AXES]) {
+        self.latched = latched;
+    }
+
+    /// The change of the contact that a motion is made for, until it has come to rest.
+    pub fn watched(&self) -> Option<bool> {
+        self.probes().then(|| self.wanted())
+    }
+
+    /// Places that drives latched are those of the trip.
+    fn refine(&mut self) -> bool {
+        let tripped = self.latches.answer.tripped.iter_mut();
+        let mut refined = false;
+        for (tripped, latched) in tripped.zip(&mut self.latched) {
+            if let Some(latched) = latched.take() {
+                *tripped = latched;
+                refined = true;
+            }
+        }
+        refined
     }
 
     /// Whether the probe has tripped and the axes have not come to rest since.
@@ -183,8 +226,12 @@ impl Questions {
 
     /// One scan of a probing motion that somebody watches; the cause of a stop, and whether something was latched.
     fn watch(&mut self, scan: u64) -> (Cause, bool) {
-        if !self.probes() || self.latches.answer.scan != 0 {
+        if !self.probes() {
             return (Cause::None, false);
+        }
+        if self.latches.answer.scan != 0 {
+            // A drive shows what it latched in this scan or a later one.
+            return (Cause::None, self.refine());
         }
         let wanted = self.wanted();
         let mut touches = self.touches.iter().flatten();
@@ -193,6 +240,7 @@ impl Questions {
             answer.scan = scan;
             answer.value = touch.share;
             answer.tripped = touch.position;
+            self.refine();
             return (Cause::None, true);
         }
         if self.shown.contact == wanted {

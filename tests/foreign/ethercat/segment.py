@@ -38,7 +38,17 @@ def am_drives(options):
         first = DualDrive(0, options.cycle_us, sim_options(0, options.sim, options.truth))
         return [first] + [AmDrive(position, options.cycle_us, units[0], sim_options(position, options.sim, options.truth))
                           for position in range(2, options.drives)]
-    return [AmDrive(position, options.cycle_us, units[position % len(units)], sim_options(position, options.sim, options.truth))
+    kind = AmDrive
+    if options.touch is not None:
+        from touch_drive import TouchDrive
+
+        places = dict(row.split("=") for row in options.touch)
+
+        def kind(position, cycle_us, unit, sim):
+            at = (places.get(f"{position}:{what}") for what in ("switch", "contact"))
+            return TouchDrive(position, cycle_us, unit, sim, *(None if place is None else int(place) for place in at))
+
+    return [kind(position, options.cycle_us, units[position % len(units)], sim_options(position, options.sim, options.truth))
             for position in range(options.drives or (0 if options.esi else len(units)))]
 
 
@@ -71,6 +81,8 @@ def add_options(parser):
     parser.add_argument("--drives", type=int, default=0, help="how many drives of am-sdk (1)")
     parser.add_argument("--esi", action="append", help="in place of them, or after them: the drives of a vendor's ESI file, once for each file")
     parser.add_argument("--dual", action="store_true", help="the first two of them are one drive of two axes")
+    parser.add_argument("--touch", action="append", metavar="DRIVE:WHAT=PLACE",
+                        help="they have inputs and a touch-probe unit; switch or contact of a drive is there, in its increments")
     parser.add_argument("--cycle-us", type=int, default=1000)
     parser.add_argument("--lockstep", action="store_true", help="time counts frames, no watchdog where frames arrive")
     parser.add_argument("--clock", action="store_true", help="the drives run by their own clock")

@@ -65,9 +65,33 @@ fn contact_before_the_motion_or_behind_ones_back_stops_the_program() {
         assert_eq!(questions.begin_probe(&event), Cause::ProbeEarly);
     }
     let (mut questions, _) = probing(0);
+    // Nobody watched in the scan in which it changed.
+    questions.take(shown(true, None, None), &FROM, &FROM);
     questions.take(shown(true, None, None), &FROM, &FROM);
     assert_eq!(questions.watch(8), (Cause::ProbeLost, true));
     assert_eq!(questions.latches.answer.outcome, AnswerOutcome::Lost as u32);
+}
+
+#[test]
+fn a_probe_that_is_a_mere_input_trips_in_the_middle_of_its_scan_and_where_drives_latched_it() {
+    let (mut questions, _) = probing(PROBE_MUST);
+    questions.take(shown(true, None, None), &FROM, &TO);
+    assert_eq!(questions.watch(8), (Cause::None, true));
+    assert_eq!(questions.latches.answer.tripped[..2], [1500, -1005]);
+    assert_eq!(questions.watched(), Some(true));
+    // The drive of the first axis shows its latch a scan later.
+    questions.take(shown(true, None, None), &TO, &TO);
+    let mut latched = [None; PATH_AXES];
+    latched[0] = Some(1234);
+    questions.take_latched(latched);
+    assert_eq!(questions.watch(9), (Cause::None, true));
+    assert_eq!(questions.latches.answer.tripped[..2], [1234, -1005]);
+    assert_eq!(questions.watch(10), (Cause::None, false));
+    // A master that has seen no input yet takes none for a change.
+    let mut next = Questions::new(1e-3);
+    next.resume(&probing(PROBE_MUST).0.latches());
+    next.take(shown(true, None, None), &FROM, &TO);
+    assert_eq!(next.watch(8), (Cause::ProbeLost, true));
 }
 
 #[test]
