@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, anyhow, bail};
 use bus::sample::PATH_AXES;
 use machine::{Axis, Machine, MachineState, SignalSource, machine_file};
+use path::limits::LimitsError;
 use path::window::WindowPlanner;
 use planner::{ProgramText, Survey};
 use plant_sim::plant_file::PlantFile;
@@ -106,8 +107,9 @@ pub fn load_changed(
             (Some(plant), start)
         }
     };
-    let limits = planner::motion_limits(&machine);
-    limits.with_context(|| path.display().to_string())?;
+    if let Err(error) = planner::motion_limits(&machine) {
+        bail!("{}: {}", path.display(), limits_in_words(&machine, &error));
+    }
     let (mut short, mut long) = (None, None);
     if let Some(file) = program {
         short = program::load_if_short(&machine, &start, file, SHORT_ELEMENTS, &[])?;
@@ -139,6 +141,16 @@ pub fn load_changed(
         checked.planner()?;
     }
     Ok(checked)
+}
+
+/// What is wrong with limits, with the name of the axis and the key in place of the axis's index.
+fn limits_in_words(machine: &Machine, error: &LimitsError) -> String {
+    let words = error.to_string();
+    let Some((axis, key)) = error.about() else {
+        return words;
+    };
+    let what = words.split_once(": ").map_or("", |(_, what)| what);
+    format!("axis {} {key}: {what}", machine.axis_name(axis))
 }
 
 /// Whether a program can be started at a line, from these command positions.

@@ -92,6 +92,18 @@ const JERK_GAP_INCREMENTS: f64 = 1.0;
 /// Share of an axis' speed that a change of speed is to take the least time for (`smoothing_scans`): what changes within a program are mostly.
 const SPEED_CHANGE_SHARE: f64 = 0.2;
 
+impl LimitsError {
+    /// Index of the axis that it is about, if it is about one, and the key of the machine file that it is most about.
+    pub fn about(&self) -> Option<(usize, &'static str)> {
+        match self {
+            LimitsError::NotPositive { axis, name, .. } => Some((*axis, name)),
+            LimitsError::JerkOfCurvedAxes { axis } => Some((*axis, "jerk_mm_s3")),
+            LimitsError::TooCoarse { axis, .. } => Some((*axis, "increment_nm")),
+            _ => None,
+        }
+    }
+}
+
 impl MotionLimits {
     /// Checks and takes the limits of all axes; setpoints are rounded, and axes are the program's.
     pub fn new(axes: &[AxisLimits], scan_period_s: f64) -> Result<Self, LimitsError> {

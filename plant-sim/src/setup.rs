@@ -226,6 +226,12 @@ impl PlantFile {
                  ([drive] dead_time_scans in plant.toml)"
             ));
         }
+        if machine.program.probe && self.probe.is_none() && machine.functions.probe.is_none() {
+            words.push(
+                "probe: programs may probe ([program] probe), and plant.toml has no [probe]: nothing is ever touched"
+                    .into(),
+            );
+        }
         for axis in &machine.axes {
             let Some(screw) = self.axis(&axis.name).map(|of| &of.screw) else {
                 continue;

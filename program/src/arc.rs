@@ -1,5 +1,7 @@
 //! The geometry of one arc block, in the plane: where its centre is and which way round it goes.
 
+use std::f64::consts::SQRT_2;
+
 use path::geometry::{AxisVector, Element, Shape, sweep_between_rad};
 
 use crate::flat::Flat;
@@ -57,17 +59,17 @@ pub struct ArcTolerance {
 }
 
 impl ArcTolerance {
-    /// Programmed in mm: an R as in NIST §3.5.3, radii as LinuxCNC 2.9 was found to take them.
+    /// Programmed in mm: an R as in NIST §3.5.3, radii as LinuxCNC 2.9 was found to take them, 2·0.01·√2.
     pub const METRIC: ArcTolerance = ArcTolerance {
         short_mm: 0.002,
-        radii_mm: 0.028,
-        radii_most_mm: 2.8,
+        radii_mm: 0.02 * SQRT_2,
+        radii_most_mm: 2.0 * SQRT_2,
     };
     /// The same, programmed in inches.
     pub const INCH: ArcTolerance = ArcTolerance {
         short_mm: 0.0002 * 25.4,
-        radii_mm: 0.0028 * 25.4,
-        radii_most_mm: 0.28 * 25.4,
+        radii_mm: 0.002 * SQRT_2 * 25.4,
+        radii_most_mm: 0.2 * SQRT_2 * 25.4,
     };
 
     /// How far radii about this one may differ, in mm.

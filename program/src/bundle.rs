@@ -238,7 +238,10 @@ mod tests {
             "subs/holerow.ngc",
             "o<holerow> sub\no<deep> call [#1]\no<holerow> endsub\nM2\n",
         );
-        write("DEEP.NGC", "o<deep> sub\nG0 X#1\no<deep> endsub");
+        write(
+            "DEEP.NGC",
+            "o<deep> sub\n(print, line #<_line>)\nG0 X#1\no<deep> endsub",
+        );
         write("subs/200.ngc", "O200\nG0 X9\nM99\n");
         let text = read_program(
             &folder.path().join("main.ngc"),
@@ -268,6 +271,8 @@ mod tests {
             .map(|element| element.end()[0])
             .collect();
         assert_eq!(ends, [3.0, 9.0]);
+        // A line is counted in its own file.
+        assert_eq!(program.messages[0].text, "line 2.000000");
         // What is bundled is whole: bundling it again adds nothing.
         let copy = folder.path().join("copy.ngc");
         std::fs::write(&copy, &text).unwrap();

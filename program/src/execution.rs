@@ -331,6 +331,7 @@ impl Execution {
     fn step(&mut self, index: usize, raw: &str, line: &mut Line) -> bool {
         let known = self.interpreter.state_known;
         self.interpreter.line = index as u32 + 1;
+        (_, self.interpreter.line_of_file) = self.source.place(self.interpreter.line);
         if let Err(unreadable) = read_line(raw, &self.interpreter, line) {
             // Values that nobody knows make no mistakes.
             if known || !raw.contains(['#', '[']) {

@@ -213,14 +213,13 @@ impl<'a> Cursor<'a> {
         if self.next_byte() == b'<' {
             return Ok(Target::Named(self.name()?));
         }
-        let number = self.value_at(lookup, depth + 1)?;
-        let whole = number.round();
-        if (number - whole).abs() > WHOLE_WITHIN || !(1.0..=5602.0).contains(&whole) {
-            let found = format!("parameter #{number}");
+        let value = self.value_at(lookup, depth + 1)?;
+        let Some(number) = number_of_parameter(value) else {
+            let found = format!("parameter #{value}");
             let right = "a whole number from 1 to 5602, or a name such as #<depth>";
             return refuse(start, found, right);
-        }
-        Ok(Target::Numbered(whole as u32))
+        };
+        Ok(Target::Numbered(number))
     }
 
     /// `<name>`: lower case, without blanks.
@@ -378,6 +377,13 @@ fn in_degrees(angle_rad: f64) -> f64 {
     quotient + left / PI
 }
 
+/// The number of a parameter, if a value is one.
+fn number_of_parameter(value: f64) -> Option<u32> {
+    let whole = value.round();
+    let is_one = (value - whole).abs() <= WHOLE_WITHIN && (1.0..=5602.0).contains(&whole);
+    is_one.then_some(whole as u32)
+}
+
 impl Cursor<'_> {
     /// The argument of EXISTS: `[#<name>]`.
     fn exists(&mut self, lookup: &impl Lookup) -> Result<f64, Refusal> {
@@ -386,9 +392,13 @@ impl Cursor<'_> {
         if self.next_byte() != b'#' {
             return self.unexpected(right);
         }
-        let exists = match self.target(lookup)? {
-            Target::Numbered(number) => lookup.numbered(number).is_ok(),
-            Target::Named(name) => lookup.named(&name).is_some(),
+        self.offset += 1;
+        let exists = if self.next_byte() == b'<' {
+            lookup.named(&self.name()?).is_some()
+        } else {
+            // A number that no parameter has is one that is not there.
+            let number = number_of_parameter(self.value_at(lookup, 1)?);
+            number.is_some_and(|number| lookup.numbered(number).is_ok())
         };
         if !self.take(b']') {
             return self.unexpected("]");

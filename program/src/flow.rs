@@ -1,6 +1,7 @@
 //! The words of program flow: O-words and their labels (LinuxCNC manual, *O Codes*).
 
 use crate::expression::{Cursor, Lookup};
+use crate::reader::comment_end;
 use crate::refusal::{Refusal, refuse, shown};
 
 /// The most arguments of a call: they become #1 to #30.
@@ -159,7 +160,14 @@ fn keyword(cursor: &mut Cursor) -> Result<Keyword, Refusal> {
 
 fn arguments(cursor: &mut Cursor, lookup: &impl Lookup) -> Result<Vec<f64>, Refusal> {
     let mut arguments = vec![];
-    while cursor.next_byte() == b'[' {
+    loop {
+        // A comment between them says nothing.
+        while cursor.next_byte() == b'(' {
+            cursor.offset = comment_end(cursor.text, cursor.offset)?;
+        }
+        if cursor.next_byte() != b'[' {
+            break;
+        }
         if arguments.len() == ARGUMENTS_MAX {
             let right = format!("a call has at most {ARGUMENTS_MAX} arguments");
             return refuse(cursor.offset, "one argument more", right);

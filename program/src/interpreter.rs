@@ -45,6 +45,9 @@ pub struct Interpreter {
     /// The line that is read, counted from 1.
     #[serde(skip)]
     pub line: u32,
+    /// The same in its own file.
+    #[serde(skip)]
+    pub line_of_file: u32,
     pub ended: Option<ProgramEnd>,
 }
 

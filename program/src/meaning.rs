@@ -35,6 +35,8 @@ mod tool_words;
 mod turning;
 mod use_of_words;
 
+pub use use_of_words::goes_home_first;
+
 pub use drilling::Drilling;
 pub use inputs_outputs::{input_asked, output_switched};
 pub use modal::Modal;

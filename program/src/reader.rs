@@ -149,6 +149,10 @@ pub fn read_line(text: &str, lookup: &impl Lookup, line: &mut Line) -> Result<()
             b'/' if line.words.is_empty() && !line.block_delete => {
                 line.block_delete = true;
                 cursor.offset += 1;
+                // Controls with several switches number them; here one is for all.
+                if matches!(cursor.peek(), b'1'..=b'9') {
+                    cursor.offset += 1;
+                }
             }
             b'%' if line.words.is_empty() && !line.percent && !line.block_delete => {
                 line.percent = true;

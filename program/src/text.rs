@@ -83,7 +83,7 @@ impl Text {
             };
             let length = memchr::memchr(b'\n', rest.as_bytes()).unwrap_or(rest.len());
             let line = rest.get(..length).unwrap_or_default();
-            let line = line.strip_suffix('\r').unwrap_or(line);
+            let line = line.trim_end_matches('\r');
             return Ok(Some((line, byte + length as u64 + 1)));
         }
         match self.bytes(byte)? {
@@ -111,7 +111,10 @@ impl Text {
 
 /// A line without its line end, as text.
 pub fn text_of(line: &[u8]) -> Result<&str, Refusal> {
-    let line = line.strip_suffix(b"\r").unwrap_or(line);
+    let mut line = line;
+    while let Some(before) = line.strip_suffix(b"\r") {
+        line = before;
+    }
     let text = std::str::from_utf8(line).map_err(|error| {
         let offset = error.valid_up_to();
         let byte = line.get(offset).copied().unwrap_or_default();

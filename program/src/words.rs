@@ -178,9 +178,20 @@ impl Words {
                 break;
             }
         }
+        if let Some(word) = self.negative_d() {
+            let refused: Result<(), Refusal> =
+                word.refuse("a tool, a diameter or a speed: 0 or more");
+            refusals.extend(refused.err());
+        }
         let stray = self.stray_axis(setup);
         refusals.extend(stray.and_then(|word| no_axis(word, setup).err()));
         if_none(refusals)
+    }
+
+    /// A D below 0, but for that of G41.1 and G42.1: a cutter on the other side.
+    fn negative_d(&self) -> Option<Word> {
+        let by_diameter = matches!(self.code(Group::CutterCompensation), Some((411 | 421, _)));
+        self.value('D').filter(|d| d.value < 0.0 && !by_diameter)
     }
 
     /// U or W on a machine without such an axis, but for G71 and G72, where they shift the profile.
@@ -238,7 +249,6 @@ impl Words {
             'F' if value < 0.0 => return word.refuse("a feed is 0 (none) or more"),
             'S' if value < 0.0 => return word.refuse("a spindle speed is 0 or more"),
             'T' | 'H' if !is_tool(value) => return word.refuse(TOOL),
-            'D' if value < 0.0 => return word.refuse("a tool, a diameter or a speed: 0 or more"),
             axis if AXIS_LETTERS.contains(axis)
                 && !"UW".contains(axis)
                 && setup.axis_index(axis).is_none() =>

@@ -315,6 +315,62 @@ fn names_tell_of_the_state_and_those_without_a_value_are_shown_as_such() {
 }
 
 #[test]
+fn values_have_the_decimals_of_the_format_before_them_as_in_linuxcnc() {
+    let text = "#1=5.5\n(print, #1 %d#1 and #1 %.2f#1 %f#1 %x#1 100% #1)\n(print, #1)\nM2";
+    let said = program(text).messages.into_iter();
+    let said: Vec<String> = said.map(|message| message.text).collect();
+    assert_eq!(
+        said,
+        [
+            "5.500000 6 and 6 5.50 5.5000 %x5.5000 100% 5.5000",
+            "5.500000"
+        ]
+    );
+}
+
+#[test]
+fn a_return_beside_a_rapid_takes_the_words_and_numbered_block_deletes_are_one() {
+    let text = "G21 G90 G1 F100 X3 Z-4\nG0 G28 G91 Z0.\n/2 X1\n/9 N7 Y1\nM30";
+    let program = program(text);
+    let ends: Vec<_> = program.path.elements.iter().map(|of| of.end()).collect();
+    // Z to its home from where it is, then X and Y on in G0 and G91.
+    let expected = [
+        [3.0, 0.0, -4.0],
+        [3.0, 0.0, -4.0],
+        [3.0, 0.0, 0.0],
+        [4.0, 0.0, 0.0],
+        [4.0, 1.0, 0.0],
+    ];
+    assert_eq!(
+        ends[ends.len() - 3..],
+        expected[2..].iter().map(|of| at(of)).collect::<Vec<_>>()
+    );
+    assert!(
+        program
+            .notes
+            .iter()
+            .any(|note| note.shown().contains("as on Fanuc's controls"))
+    );
+}
+
+#[test]
+fn what_files_of_others_have_is_read_as_linuxcnc_reads_it() {
+    // A number that no parameter has, comments between arguments, and lines that end with two carriage returns.
+    let text = "o<go> sub\r\r\nG0 X#1 Y#2\r\r\no<go> endsub\r\r\no<go> call [1+EXISTS[#99999]] (across) [2]\r\r\nM2\r\r\n";
+    let elements = program(text).path.elements;
+    assert_eq!(elements.last().unwrap().end(), at(&[1.0, 2.0]));
+    // A cutter of a diameter below 0 is on the other side.
+    let ends = |text: &str| {
+        let elements = program(text).path.elements.into_iter();
+        elements.map(|element| element.end()).collect::<Vec<_>>()
+    };
+    assert_eq!(
+        ends("G21 F100\nG41.1 D-3\nG1 X10\nX20 Y5\nG40\nM2"),
+        ends("G21 F100\nG42.1 D3\nG1 X10\nX20 Y5\nG40\nM2")
+    );
+}
+
+#[test]
 fn the_parameters_of_an_offset_take_force_with_it() {
     let other = "#5221=7\nG10 L2 P2 X1\nG0 X1\nG54 X2\nM2";
     assert_eq!(xs(other), [1.0, 9.0]);

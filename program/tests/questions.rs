@@ -174,6 +174,7 @@ fn what_no_machine_can_answer_is_refused_with_what_would_be_right() {
         ("M66 P1 L3", "longest wait"),
         ("M66 E1 L3 Q1", "read at once"),
         ("G38.2 Z-5", "feed"),
+        ("F100 G38.2", "G38.2 without an axis word"),
         ("G93 G38.2 Z-5 F10", "G94"),
         ("G41.1 D2\nF100 G38.2 Z-5", "G38.2"),
     ] {

@@ -114,3 +114,52 @@ fn an_axis_that_its_drive_has_not_and_one_that_is_there_twice_are_refused() {
         assert!(printed.contains(words), "{second}: {printed}");
     }
 }
+
+/// The drive file of two axes, as modules in the first two slots.
+fn in_slots(folder: &TempDir) {
+    let file = folder.path().join("drives/two.toml");
+    let text = fs::read_to_string(&file).expect("a drive file");
+    let modules = [1, 2].map(|slot| {
+        format!("[[start_up.sdo]]\nindex = 0xF030\nsub = {slot}\nbits = 32\nvalue = 0x100\n")
+    });
+    let start_up = "interpolation_time = false\n";
+    assert!(text.contains(start_up));
+    let text = text.replace("product_code = 0x2A", "product_code = 0x2B");
+    let text = text.replace(start_up, &format!("{start_up}{}", modules.concat()));
+    fs::write(&file, text).expect("writing");
+}
+
+#[test]
+fn axes_in_the_slots_of_a_modular_drive_move_as_two_drives_do_once_their_modules_are_told() {
+    let Some(network) = Network::new() else {
+        return;
+    };
+    let alone = Run::default().run(&network);
+    let modular = Run {
+        segment: &["--modular"],
+        ..Run::default()
+    };
+    let folder = machine_of_two_axes(SECOND);
+    in_slots(&folder);
+    let both = modular.run_on(&network, &folder);
+    assert_eq!(
+        both.text("/outcome/kind"),
+        "completed",
+        "{}",
+        both.printed()
+    );
+    assert_eq!(both.text("/motion_digest"), alone.text("/motion_digest"));
+    // A module that is not the one in the slot.
+    let file = folder.path().join("drives/two.toml");
+    let text = fs::read_to_string(&file).expect("a drive file");
+    fs::write(&file, text.replacen("value = 0x100", "value = 0x101", 1)).expect("writing");
+    let _segment = network.segment(&["--drives", "3", "--modular"]);
+    let program = crate::segment::program(folder.path());
+    let [machine, program] = [folder.path(), &program].map(|path| path.to_string_lossy());
+    let cell = crate::support::unique_cell();
+    let out = folder.path().join("wrong").to_string_lossy().into_owned();
+    let refused = network.quadrant(&["run", &machine, &program, "--out", &out, "--cell", &cell]);
+    let printed = String::from_utf8_lossy(&refused.stderr).into_owned();
+    assert_eq!(refused.status.code(), Some(3), "{printed}");
+    assert!(printed.contains("writing F030:1 = 257"), "{printed}");
+}

@@ -63,7 +63,7 @@ impl InForce {
 
     /// M3, M4, M5 and M19.
     pub fn spindle_words(&mut self, words: &Words, acts: &mut Acts) -> Result<(), Refusal> {
-        let Some((number, word)) = words.code(Group::Spindle) else {
+        let Some((number, _)) = words.code(Group::Spindle) else {
             return Ok(());
         };
         if let Some(spindle) = words.value('$').filter(|spindle| spindle.value != 0.0) {
@@ -74,12 +74,9 @@ impl InForce {
             40 => self.turn_spindle(-1, acts),
             50 => self.turn_spindle(0, acts),
             _ => {
-                let Some(angle) = words.value('R') else {
-                    let right = "the angle in degrees, such as M19 R90";
-                    return refuse(word.offset, "M19 without R", right);
-                };
+                let angle = words.value('R').map_or(0.0, |angle| angle.value);
                 self.modes.spindle.direction = 0;
-                acts.event(EventKind::SpindleOrient(angle.value));
+                acts.event(EventKind::SpindleOrient(angle));
             }
         }
         Ok(())

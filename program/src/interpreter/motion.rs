@@ -6,7 +6,7 @@ use super::{Done, Group, Interpreter, Words, base, refuse};
 use crate::codes::shown_code;
 use crate::compensation::Way;
 use crate::letters::AXIS_LETTERS;
-use crate::meaning::{Cause, Leg, PLACES, ProfileReading, is_turning};
+use crate::meaning::{Cause, Leg, PLACES, ProfileReading, goes_home_first, is_turning};
 use crate::reader::Word;
 use crate::splines::Curve;
 use crate::state::Motion;
@@ -60,6 +60,10 @@ impl Interpreter {
                     self.route.perform_each(&mut self.state, cause, part)?;
                 }
                 return Ok(());
+            }
+            Motion::Probe(number) if axis_word.is_none() && code.is_some() => {
+                let found = format!("G{} without an axis word", shown_code(number));
+                return cause.refuse(found, "where to, such as G38.2 Z-10");
             }
             _ if axis_word.is_none() && circle_word.is_none() => return Ok(()),
             _ => {}
@@ -121,6 +125,10 @@ impl Interpreter {
             return Ok(());
         };
         let offset = word.offset;
+        if goes_home_first(words) {
+            let text = "G28 or G30 takes the words of the axes, and G0 or G1 is the mode behind it, as on Fanuc's controls; LinuxCNC refuses that";
+            self.note(line, text);
+        }
         let cause = Cause::new(line, words, offset);
         match number {
             40 => return Ok(()),

@@ -47,7 +47,7 @@ impl Lookup for Interpreter {
 impl Interpreter {
     fn predefined(&self, name: &str) -> Option<f64> {
         Some(match name {
-            "_line" => f64::from(self.line),
+            "_line" => f64::from(self.line_of_file),
             "_ccomp" => f64::from(self.route.compensation_code()),
             "_call_level" => self.frames.called.len() as f64,
             "_value" => self.returned.0,

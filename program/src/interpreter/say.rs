@@ -21,12 +21,26 @@ pub fn remark_of(kind: CommentKind) -> Option<&'static str> {
     })
 }
 
-/// A text with its parameters replaced by their values, to six decimals.
+/// A text with its parameters replaced by their values, to six decimals or as many as a format before them says.
 pub fn with_values(text: &str, values: &impl Lookup) -> String {
     let mut whole = String::new();
-    let mut rest = 0;
-    while let Some(at) = text.get(rest..).and_then(|text| text.find('#')) {
+    let (mut rest, mut decimals) = (0, 6);
+    while let Some(at) = text.get(rest..).and_then(|text| text.find(['#', '%'])) {
         whole += text.get(rest..rest + at).unwrap_or_default();
+        if let Some(behind) = text
+            .get(rest + at..)
+            .and_then(|text| text.strip_prefix('%'))
+        {
+            rest += at + 1;
+            match format_of(behind) {
+                Some((length, of_format)) => {
+                    rest += length;
+                    decimals = of_format;
+                }
+                None => whole.push('%'),
+            }
+            continue;
+        }
         let mut cursor = Cursor::new(text, rest + at);
         let number_end =
             rest + at + 1 + plain_number(text.get(rest + at + 1..).unwrap_or_default());
@@ -37,7 +51,7 @@ pub fn with_values(text: &str, values: &impl Lookup) -> String {
         match cursor.value(values) {
             Ok(value) => {
                 // No sign before 0.
-                whole += &format!("{:.6}", value + 0.0);
+                whole += &format!("{:.decimals$}", value + 0.0);
                 rest = cursor.offset;
             }
             Err(_) => {
@@ -54,6 +68,16 @@ pub fn with_values(text: &str, values: &impl Lookup) -> String {
         }
     }
     whole + text.get(rest..).unwrap_or_default()
+}
+
+/// The format that a text begins with, behind its %: its length, and its decimals. As LinuxCNC has them: `d`, `f` and `.2f`.
+fn format_of(text: &str) -> Option<(usize, usize)> {
+    match text.as_bytes() {
+        [b'd', ..] => Some((1, 0)),
+        [b'f', ..] => Some((1, 4)),
+        [b'.', digit @ b'0'..=b'9', b'f', ..] => Some((3, usize::from(digit - b'0'))),
+        _ => None,
+    }
 }
 
 /// Length of the digits that a text begins with.

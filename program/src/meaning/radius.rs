@@ -32,10 +32,11 @@ impl State {
             return cause.refuse(found, right);
         }
         let axes = self.plane_axes(cause.offset)?;
-        let left = matches!(number, 410 | 411);
+        // A diameter below 0 is one on the other side.
+        let left = matches!(number, 410 | 411) != (radius_mm < 0.0);
         let start = Start {
             side: if left { Side::Left } else { Side::Right },
-            radius_mm,
+            radius_mm: radius_mm.abs(),
             plane: axes,
             across: self
                 .equipment

@@ -32,6 +32,14 @@ fn letters_of(letter: char, number: u32) -> u32 {
     }
 }
 
+/// G28 or G30 beside G0 or G1, as Fanuc's programs have it: the return takes the words of the axes, the other is the mode from then on.
+/// LinuxCNC refuses it, so that it means nothing else.
+pub fn goes_home_first(words: &Words) -> bool {
+    matches!(words.code(Group::Once), Some((280 | 300, _)))
+        && matches!(words.code(Group::Motion), Some((0 | 10, _)))
+        && words.code(Group::ToolLength).is_none()
+}
+
 /// What a letter is for.
 fn belongs_to(letter: char) -> &'static str {
     match letter {
@@ -100,6 +108,7 @@ impl State {
         let takes_axes = takers.any(|(number, word)| letters_of(word.letter, number) & AXES != 0);
         if takes_axes
             && words.code(Group::Motion).is_some()
+            && !goes_home_first(words)
             && let Some(word) = words.first_in(AXES)
         {
             let found = format!("{word} in a block of two codes that take it");

@@ -32,10 +32,11 @@ def am_drives(options):
     from am_drive import AmDrive, sim_options
 
     units = options.units.split(",")
-    if options.dual:
+    if options.dual or options.modular:
         from dual_drive import DualDrive
+        from modular_drive import ModularDrive
 
-        first = DualDrive(0, options.cycle_us, sim_options(0, options.sim, options.truth))
+        first = (ModularDrive if options.modular else DualDrive)(0, options.cycle_us, sim_options(0, options.sim, options.truth))
         return [first] + [AmDrive(position, options.cycle_us, units[0], sim_options(position, options.sim, options.truth))
                           for position in range(2, options.drives)]
     kind = AmDrive
@@ -81,6 +82,7 @@ def add_options(parser):
     parser.add_argument("--drives", type=int, default=0, help="how many drives of am-sdk (1)")
     parser.add_argument("--esi", action="append", help="in place of them, or after them: the drives of a vendor's ESI file, once for each file")
     parser.add_argument("--dual", action="store_true", help="the first two of them are one drive of two axes")
+    parser.add_argument("--modular", action="store_true", help="the same, its axes in slots: it exchanges nothing before F030 says so")
     parser.add_argument("--touch", action="append", metavar="DRIVE:WHAT=PLACE",
                         help="they have inputs and a touch-probe unit; switch or contact of a drive is there, in its increments")
     parser.add_argument("--cycle-us", type=int, default=1000)
