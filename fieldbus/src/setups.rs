@@ -389,13 +389,10 @@ fn judge_encoder(axis: &Axis, drive: &DriveFile) -> anyhow::Result<()> {
 
 /// The drive latches the contact of the probe, both ways.
 fn judge_probe(axis: &Axis, drive: &DriveFile) -> anyhow::Result<()> {
-    let latches = axis
-        .drive
-        .as_ref()
-        .is_some_and(|drive| drive.probe_edge.is_some());
-    if latches && !(can_latch(drive, Edge::Rising) || can_latch(drive, Edge::Falling)) {
+    let edge = axis.drive.as_ref().and_then(|drive| drive.probe_edge);
+    if edge.is_some_and(|edge| !can_latch(drive, edge.into())) {
         bail!(
-            "axis {}: drive.probe_edge needs 60B8, 60B9, and 60BA or 60BB in the process data of its drive file: its touch-probe unit \
+            "axis {}: drive.probe_edge needs 60B8, 60B9, and 60BA (rising) or 60BB (falling) in the process data of its drive file: its touch-probe unit \
              latches the contact",
             axis.name
         );

@@ -170,6 +170,8 @@ pub struct InputFeedback {
     pub analog: [f64; ANALOG_INPUTS],
     /// The probe is in contact.
     pub contact: bool,
+    /// What shows the contact is lost: whether there is one, nobody knows.
+    pub contact_lost: bool,
     /// When contact was made first in the scan that ends, as a share of it from 0 to 1; none if it was not. It is the time stamp
     /// that the touch-probe unit of a drive latches (CiA 402 objects 60B8h, 60D1h).
     pub made_at: Option<f64>,

@@ -6,6 +6,7 @@ use path::window::WindowPlanner;
 use program::{Note, Setup};
 
 use crate::ahead::Course;
+use crate::course::AHEAD_ELEMENTS;
 use crate::error::AheadError;
 use crate::program_text::ProgramText;
 
@@ -64,7 +65,15 @@ impl Streamed {
     /// The first thing that is wrong with it, or that the machine cannot do.
     pub fn read_on(&mut self, element: u32) -> Result<(), AheadError> {
         let course = &mut self.course;
+        let known = |course: &Course| {
+            course.is_over()
+                || course.windows.path().end() > element.saturating_add(AHEAD_ELEMENTS / 2)
+        };
         course.read_on(element, false);
+        // Blocks that move nothing may be many.
+        while !known(course) {
+            course.read_on(element, false);
+        }
         course.places.clear();
         course.events.forget(u32::MAX);
         course.events.forget_messages();

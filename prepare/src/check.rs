@@ -2,10 +2,9 @@
 
 use std::ops::ControlFlow;
 
-use crate::long::walk_long;
 use crate::options::CheckOptions;
-use anyhow::bail;
-use audit::{Ahead, ProgramWalk, Totals};
+use crate::walk::{walk, walk_long};
+use audit::Totals;
 use console::exit::{Kind, Outcome};
 use console::logs;
 use console::output::say;
@@ -69,31 +68,6 @@ fn print_notes(checked: &Checked) {
     for note in checked.notes() {
         say(&format!("  {note}"));
     }
-}
-
-/// Plans the program as the planner process would, window by window, up to so many setpoints.
-///
-/// # Errors
-/// The path cannot be planned within the limits.
-pub fn walk<A: Ahead>(
-    checked: &Checked,
-    ahead: &mut A,
-    setpoints_max: u64,
-    each: impl FnMut(&PathPart, &PlannedSetpoint) -> ControlFlow<()>,
-) -> anyhow::Result<Totals>
-where
-    anyhow::Error: From<A::Error>,
-{
-    let walk = ProgramWalk {
-        feed_override: 1.0,
-        setpoints_per_window: checked.machine.scan.interpolation_period_scans,
-        setpoints_max,
-    };
-    let totals = walk.walk(ahead, each)?;
-    if let Some(fault) = &totals.fault {
-        bail!("the plan breaks its own limits: {fault}; this is a defect of quadrant");
-    }
-    Ok(totals)
 }
 
 /// Says what a planned program comes to.

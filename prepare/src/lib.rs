@@ -5,7 +5,7 @@ mod bus_sdo;
 pub mod check;
 pub mod doctor;
 pub mod drive_files;
-mod long;
 pub mod options;
 pub mod plan;
 mod time_use;
+mod walk;

@@ -11,9 +11,9 @@ use audit::Totals;
 use path::path_part::PathPart;
 use path::window::{PlannedSetpoint, WindowPlanner};
 
-use crate::check::{print_totals, walk};
-use crate::long::walk_long;
+use crate::check::print_totals;
 use crate::options::PlanOptions;
+use crate::walk::{walk, walk_long};
 use console::exit::{Failure, Kind, Outcome};
 use console::logs;
 use console::output::say;

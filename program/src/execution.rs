@@ -442,7 +442,12 @@ impl Execution {
 
     /// Refuses a program that goes on for ever without making anything.
     fn watch(&mut self) {
-        let made = self.interpreter.route.output.made();
+        let output = &self.interpreter.route.output;
+        // At a machine events take their time; who reads beside it would read on for ever.
+        let made = match self.interpreter.is_rehearsed() {
+            true => output.elements_made(),
+            false => output.made(),
+        };
         if made != self.idle.1 {
             self.idle = (0, made);
             return;

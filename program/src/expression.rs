@@ -377,6 +377,22 @@ fn in_degrees(angle_rad: f64) -> f64 {
     quotient + left / PI
 }
 
+/// Offset behind the comment that opens at `offset`.
+pub fn comment_end(text: &str, offset: usize) -> Result<usize, Refusal> {
+    let inside = text.get(offset + 1..).unwrap_or_default();
+    match inside.find(['(', ')']) {
+        Some(length) if inside.as_bytes().get(length) == Some(&b')') => Ok(offset + 1 + length + 1),
+        Some(length) => {
+            let right = "comments do not nest; close with ) first";
+            refuse(offset + 1 + length, "( inside a comment", right)
+        }
+        None => {
+            let right = "close it with ) on the same line";
+            refuse(offset, "a comment that is not closed", right)
+        }
+    }
+}
+
 /// The number of a parameter, if a value is one.
 fn number_of_parameter(value: f64) -> Option<u32> {
     let whole = value.round();

@@ -1,7 +1,6 @@
 //! The words of program flow: O-words and their labels (LinuxCNC manual, *O Codes*).
 
-use crate::expression::{Cursor, Lookup};
-use crate::reader::comment_end;
+use crate::expression::{Cursor, Lookup, comment_end};
 use crate::refusal::{Refusal, refuse, shown};
 
 /// The most arguments of a call: they become #1 to #30.

@@ -3,7 +3,7 @@
 
 use std::fmt::{self, Display};
 
-use crate::expression::{Cursor, Lookup, Target};
+use crate::expression::{Cursor, Lookup, Target, comment_end};
 use crate::flow::{FlowWord, read_flow_word};
 use crate::refusal::{Refusal, refuse, shown};
 
@@ -227,22 +227,6 @@ fn instead_of(byte: u8) -> &'static str {
         b'0'..=b'9' | b'.' | b'+' | b'-' => "a number must follow its letter",
         b'/' => "block delete (/) belongs before the first word",
         _ => "a block is made of letters with numbers, such as G1 X12.5 F600",
-    }
-}
-
-/// Offset behind the comment that opens at `offset`.
-pub fn comment_end(text: &str, offset: usize) -> Result<usize, Refusal> {
-    let inside = text.get(offset + 1..).unwrap_or_default();
-    match inside.find(['(', ')']) {
-        Some(length) if inside.as_bytes().get(length) == Some(&b')') => Ok(offset + 1 + length + 1),
-        Some(length) => {
-            let right = "comments do not nest; close with ) first";
-            refuse(offset + 1 + length, "( inside a comment", right)
-        }
-        None => {
-            let right = "close it with ) on the same line";
-            refuse(offset, "a comment that is not closed", right)
-        }
     }
 }
 

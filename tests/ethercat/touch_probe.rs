@@ -135,6 +135,24 @@ fn axes_are_homed_by_the_switch_and_the_index_of_their_drives_and_an_absolute_on
     }
 }
 
+#[test]
+fn a_drive_homes_by_itself_whoever_owns_the_bus_meanwhile() {
+    let Some(network) = Network::new() else {
+        return;
+    };
+    for faults in [false, true] {
+        let folder = machine_with(["[axis.homing]\nmethod = \"drive\"\n", "", ""], "");
+        let segment = segment(&network, &["--touch", "0:switch=-1000000"]);
+        let orders =
+            "[[order]]\nscan = 300\norder = \"home\"\n[[order]]\nscan = 3000\norder = \"resume\"\n";
+        let program = "G21 G90 F3000\nG1 X20\nG4 P0.3\nM2\n";
+        run(&network, folder.path(), [program, orders], faults);
+        // The switch, as far as the drive went on in a cycle, is the zero of the machine.
+        let [place, ..] = last_places(&segment.end());
+        assert!((place - (20.0 - 10.0)).abs() < 0.05, "{place} mm");
+    }
+}
+
 /// A probe whose contact is an input of the drive of X.
 const PROBE: &str = "[[signal]]\nname = \"touch\"\nfrom = { drive = \"X\", bit = 16 }\n[functions]\nprobe = \"touch\"\n[program]\nprobe = true\n";
 
@@ -235,7 +253,7 @@ fn what_a_drive_cannot_latch_and_inputs_that_nobody_is_are_refused() {
         "",
         "needs the signal of the contact as well",
     );
-    let words = "drive.probe_edge needs 60B8, 60B9, and 60BA or 60BB";
+    let words = "drive.probe_edge needs 60B8, 60B9, and 60BA (rising) or 60BB (falling)";
     let end = PROBE.replace("drive = \"X\", bit = 16", "output = 1");
     refused(unlatched.path(), edge, &end, words);
     let words = "drive.encoder_turns = 4: its encoder shows the same again after 251.3 mm, and the axis has a travel of 400.0 mm";

@@ -408,7 +408,7 @@ impl DriveAxis {
         self.counted = match self.raw.filter(|_| !restarted) {
             // From here on the drive counts from its reference.
             _ if self.homing.take(statusword, shown_mode) => raw.into(),
-            Some(before) => self.counted.saturating_add(raw.wrapping_sub(before).into()),
+            Some(before) => self.counted.saturating_add(self.encoder.step(before, raw)),
             None => self.encoder.place(raw, self.seen.then_some(self.counted)),
         };
         self.raw = Some(raw);
@@ -429,7 +429,7 @@ impl DriveAxis {
         let (mut index_mm, mut probe_mm) = (None, None);
         let came = self.touch_probe.iter_mut().flat_map(|unit| unit.take(own));
         for (edge, at) in came {
-            let counted = self.counted.saturating_add(at.wrapping_sub(raw).into());
+            let counted = self.counted.saturating_add(self.encoder.step(raw, at));
             let latched = match edge {
                 Edge::Index => &mut index_mm,
                 Edge::Rising | Edge::Falling => &mut probe_mm,

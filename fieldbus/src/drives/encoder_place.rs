@@ -35,28 +35,40 @@ impl EncoderPlace {
         }
     }
 
-    /// The place that the drive shows first, or first after it was without power: of those that it may be the nearest to where it was
-    /// last, or to the middle of the travel.
+    /// The place that the drive shows first, or first after it was without power. Of those that it may be, an encoder of few turns is at
+    /// the one nearest to the middle of the travel, which is shorter; another at the nearest to where it was last.
     pub fn place(&self, raw: i32, last: Option<i64>) -> i64 {
-        let near = last.unwrap_or(self.middle);
-        let ahead = (i64::from(raw) + self.zero - near).rem_euclid(self.range);
-        let back = if ahead >= self.range / 2 {
-            self.range
-        } else {
-            0
+        let near = match last {
+            Some(last) if self.range == WHOLE => last,
+            _ => self.middle,
         };
-        near.saturating_add(ahead - back)
+        near.saturating_add(self.nearest(i64::from(raw) + self.zero - near))
+    }
+
+    /// The way from one count that the drive shows to another, over the end of its range or not.
+    pub fn step(&self, from: i32, to: i32) -> i64 {
+        self.nearest(i64::from(to) - i64::from(from))
+    }
+
+    fn nearest(&self, way: i64) -> i64 {
+        let ahead = way.rem_euclid(self.range);
+        match ahead >= self.range / 2 {
+            true => ahead - self.range,
+            false => ahead,
+        }
     }
 }
+
+/// Increments that 32 bits tell apart.
+const WHOLE: i64 = 1 << 32;
 
 /// Increments of so many turns of the motor, at most those of 32 bits.
 pub fn range(drive: &DriveFile, turns: Option<u32>) -> i64 {
     let scaling = &drive.scaling;
     let per_turn = i64::from(scaling.position_increments);
-    let whole = 1 << 32;
     let range =
         turns.map(|turns| i64::from(turns) * per_turn / i64::from(scaling.position_turns.max(1)));
-    range.unwrap_or(whole).clamp(2, whole)
+    range.unwrap_or(WHOLE).clamp(2, WHOLE)
 }
 
 #[cfg(test)]
@@ -75,7 +87,12 @@ mod tests {
         // Shown modulo the range, on either side of its zero.
         assert_eq!(encoder.place(4_090, None), 3_790);
         assert_eq!(encoder.place(-6, None), 3_790);
-        assert_eq!(encoder.place(10, Some(3_790)), 3_806);
+        // Pushed further than half its range while it was off, it is within the travel all the same.
+        assert_eq!(encoder.place(4_090, Some(100)), 3_790);
+        assert_eq!(
+            (encoder.step(4_090, 10), encoder.step(10, 4_090)),
+            (16, -16)
+        );
         // All of 32 bits: what is shown is there, over their ends as well.
         let whole = EncoderPlace {
             zero: 0,

@@ -19,6 +19,8 @@ enum Step {
     Started,
     /// The reference is found; the mode is left when homing is asked for no more.
     Found,
+    /// It is asked for no more, and the drive may still show the mode.
+    Left,
 }
 
 /// Homing of one drive.
@@ -32,6 +34,8 @@ pub(super) struct DriveHoming {
     cycles: u32,
 }
 
+/// A drive has left the mode within so many cycles after that is asked for.
+const LEAVING_CYCLES: u32 = 100;
 /// A drive takes back what it attained before within so many cycles after the start.
 const STALE_CYCLES: u32 = 10;
 
@@ -64,18 +68,21 @@ impl DriveHoming {
     /// Homing is asked for in this cycle, or not.
     pub fn command(&mut self, homes: bool) {
         match (homes, self.step) {
-            (true, Step::Idle) => {
+            (true, Step::Idle | Step::Left) => {
                 self.referenced = false;
                 self.step = Step::Asked;
             }
-            (false, _) => self.step = Step::Idle,
-            (true, _) => {}
+            (false, Step::Asked | Step::Started | Step::Found) => {
+                self.step = Step::Left;
+                self.cycles = 0;
+            }
+            (false, Step::Idle | Step::Left) | (true, _) => {}
         }
     }
 
     /// The mode to ask for; none for that of operation.
     pub fn mode(self) -> Option<i64> {
-        (self.step != Step::Idle).then_some(HOMING.into())
+        (!matches!(self.step, Step::Idle | Step::Left)).then_some(HOMING.into())
     }
 
     /// What is added to the controlword.
@@ -95,9 +102,19 @@ impl DriveHoming {
     /// Takes what the drive shows; true in the cycle in which it has found its reference.
     pub fn take(&mut self, statusword: u16, mode: Option<i32>) -> bool {
         if mode != Some(HOMING) {
+            if self.step == Step::Left {
+                self.step = Step::Idle;
+            }
             return false;
         }
         match self.step {
+            Step::Left => {
+                self.cycles = self.cycles.saturating_add(1);
+                if self.cycles > LEAVING_CYCLES {
+                    self.step = Step::Idle;
+                }
+                false
+            }
             Step::Asked => {
                 self.step = Step::Started;
                 self.cycles = 0;
@@ -154,6 +171,13 @@ mod tests {
         homing.command(false);
         assert_eq!((homing.mode(), homing.control_bits()), (None, 0));
         assert!(homing.is_referenced());
+        // It shows the mode a while longer, as long as it takes on a bus, not for ever.
+        assert!(homing.may_show(6) && !homing.take(0x1637, Some(6)) && homing.may_show(6));
+        let mut stays = homing;
+        assert!(!(0..=LEAVING_CYCLES).any(|_| stays.take(0x1637, Some(6))));
+        assert!(!stays.may_show(6));
+        homing.take(0x1637, Some(9));
+        assert!(!homing.may_show(6));
         homing.lose();
         assert!(!homing.is_referenced());
     }

@@ -34,13 +34,16 @@ pub(super) struct Questions {
     touched: bool,
     /// Changes of the contact in the scan that ends, the earlier one first.
     touches: [Option<Touch>; 2],
-    /// Where drives have latched the contact that is watched, as they showed in the scan that ends.
+    /// Where drives have latched the contact that is watched, and no trip has taken it yet.
     latched: [Option<i64>; PATH_AXES],
     scan_s: f64,
 }
 
 /// Share of a scan in which a contact changed of which nobody knows when: at most half a scan off.
 const MIDDLE: f64 = 0.5;
+
+/// A latch that is shown so many scans after the trip is one of the same contact.
+const LATCH_SCANS: u64 = 8;
 
 /// The place that the drive of an axis latched, as the program counts it.
 pub(super) fn latched_position(axis: &AxisUnit) -> Option<i64> {
@@ -108,7 +111,8 @@ impl Questions {
     /// What drives and terminals show at the end of a scan in which the axes went from one place to another.
     pub fn take(&mut self, shown: InputFeedback, from: &[i64; PATH_AXES], to: &[i64; PATH_AXES]) {
         self.before = self.shown.digital;
-        let changed = self.seen && self.shown.contact != shown.contact;
+        let is_known = self.seen && !self.shown.contact_lost && !shown.contact_lost;
+        let changed = is_known && self.shown.contact != shown.contact;
         self.touched = !self.shown.contact && (shown.contact || shown.made_at.is_some());
         (self.shown, self.seen) = (shown, true);
         let touch = |made: bool, share: Option<f64>| {
@@ -137,7 +141,10 @@ impl Questions {
 
     /// What drives have latched in the same scan; called while contact is watched.
     pub fn take_latched(&mut self, latched: [Option<i64>; PATH_AXES]) {
-        self.latched = latched;
+        // Told once; the contact itself may be shown some scans later.
+        for (kept, latched) in self.latched.iter_mut().zip(latched) {
+            *kept = kept.or(latched);
+        }
     }
 
     /// The change of the contact that a motion is made for, until it has come to rest.
@@ -192,6 +199,7 @@ impl Questions {
     /// Begins a probing motion; the cause of a stop where it cannot.
     pub fn begin_probe(&mut self, event: &ProgramEvent) -> Cause {
         self.latches.probe = event.index;
+        self.latched = [None; PATH_AXES];
         let early = self.shown.contact == self.wanted();
         self.latches.answer = Answer {
             number: event.number,
@@ -230,8 +238,9 @@ impl Questions {
             return (Cause::None, false);
         }
         if self.latches.answer.scan != 0 {
-            // A drive shows what it latched in this scan or a later one.
-            return (Cause::None, self.refine());
+            // A drive shows what it latched a few scans later at most; what comes then is a bounce.
+            let recent = scan.saturating_sub(self.latches.answer.scan) <= LATCH_SCANS;
+            return (Cause::None, recent && self.refine());
         }
         let wanted = self.wanted();
         let mut touches = self.touches.iter().flatten();

@@ -366,6 +366,8 @@ impl NamedSignals {
         }
         if let Some(contact) = self.value(self.functions.probe) {
             shown.contact = contact != 0.0;
+            let lost = |index| self.shown.lost.has(index);
+            shown.contact_lost = self.functions.probe.is_some_and(lost);
         }
     }
 

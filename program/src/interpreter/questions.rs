@@ -120,6 +120,11 @@ impl Interpreter {
         self.take_answer(&question, known.unwrap_or_else(|| question.assumed()))
     }
 
+    /// Whether it is read beside its machine.
+    pub fn is_rehearsed(&self) -> bool {
+        self.state.equipment().rehearsed
+    }
+
     /// What the program asks now and nobody has answered.
     pub fn asked(&self) -> Option<&Question> {
         self.questions.asked.as_ref()

@@ -87,6 +87,23 @@ fn a_probe_that_is_a_mere_input_trips_in_the_middle_of_its_scan_and_where_drives
     assert_eq!(questions.watch(9), (Cause::None, true));
     assert_eq!(questions.latches.answer.tripped[..2], [1234, -1005]);
     assert_eq!(questions.watch(10), (Cause::None, false));
+    // A latch that is shown before the input is kept; one that comes long after the trip is a bounce.
+    let (mut early, _) = probing(PROBE_MUST);
+    early.take_latched(latched);
+    early.take_latched([None; PATH_AXES]);
+    early.take(shown(true, None, None), &FROM, &TO);
+    assert_eq!(early.watch(8), (Cause::None, true));
+    assert_eq!(early.latches.answer.tripped[..2], [1234, -1005]);
+    early.take_latched([Some(7); PATH_AXES]);
+    assert_eq!(early.watch(8 + LATCH_SCANS + 1), (Cause::None, false));
+    // Where its source was lost meanwhile, nobody knows of a contact.
+    let (mut lost, _) = probing(0);
+    let gone = InputFeedback {
+        contact_lost: true,
+        ..shown(true, None, None)
+    };
+    lost.take(gone, &FROM, &TO);
+    assert_eq!(lost.watch(8), (Cause::ProbeLost, true));
     // A master that has seen no input yet takes none for a change.
     let mut next = Questions::new(1e-3);
     next.resume(&probing(PROBE_MUST).0.latches());

@@ -1,21 +1,46 @@
-//! A program that is too long to be held whole: it is planned as it is read, and forgotten behind.
+//! A program planned from its start to its end: one that is held whole, or one that is too long for that, which is planned as it is read,
+//! and forgotten behind.
 
 use std::ops::ControlFlow;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use audit::{Ahead, Totals};
+use anyhow::bail;
+use audit::{Ahead, ProgramWalk, Totals};
 use launcher::check::Checked;
 use path::path_part::PathPart;
 use path::window::{PlannedSetpoint, WindowPlanner};
 use planner::{ProgramText, Streamed};
 
-use crate::check::walk;
-
 /// Time between two words on the way.
 const TELL_EVERY: Duration = Duration::from_secs(5);
 
-/// The program, and when something was said of it last.
+/// Plans the program as the planner process would, window by window, up to so many setpoints.
+///
+/// # Errors
+/// The path cannot be planned within the limits.
+pub fn walk<A: Ahead>(
+    checked: &Checked,
+    ahead: &mut A,
+    setpoints_max: u64,
+    each: impl FnMut(&PathPart, &PlannedSetpoint) -> ControlFlow<()>,
+) -> anyhow::Result<Totals>
+where
+    anyhow::Error: From<A::Error>,
+{
+    let walk = ProgramWalk {
+        feed_override: 1.0,
+        setpoints_per_window: checked.machine.scan.interpolation_period_scans,
+        setpoints_max,
+    };
+    let totals = walk.walk(ahead, each)?;
+    if let Some(fault) = &totals.fault {
+        bail!("the plan breaks its own limits: {fault}; this is a defect of quadrant");
+    }
+    Ok(totals)
+}
+
+/// A long program, and when something was said of it last.
 struct Long<'a> {
     file: &'a Path,
     streamed: Streamed,
