@@ -1,4 +1,4 @@
-//! Devices of several axes: an object of one is 0x800 above that of the one before (ETG.6010).
+//! Devices of several axes: objects of an axis are 0x800 above the same objects of the axis before (ETG.6010).
 
 use fieldbus::cia402;
 

@@ -192,7 +192,7 @@ fn start_up_of(mut seen: Device, axis: u16, drive: &DriveFile) -> Vec<Sdo> {
     own.collect()
 }
 
-/// Process data with those of further axes, as far as they can be driven in this mode too, and of how many axes they are then.
+/// Number of axes that can be driven in this mode, and the process data of these axes.
 fn with_more_axes(
     first: &Device,
     others: &[Device],

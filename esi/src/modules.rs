@@ -21,7 +21,7 @@ const OBJECTS: u16 = 0x6000;
 #[derive(Debug, Default)]
 pub(super) struct Modules<'a>(BTreeMap<u32, Node<'a, 'a>>);
 
-/// Distance of objects and PDOs of a slot from those of the slot before.
+/// Distance between the same objects, or PDOs, of two neighbouring slots.
 #[derive(Debug, Clone, Copy)]
 struct Increments {
     pdos: u16,

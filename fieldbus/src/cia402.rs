@@ -11,9 +11,9 @@ pub use option_codes::{Effect, OptionCode};
 /// Number of the device profile.
 pub const PROFILE: u32 = 402;
 
-/// Distance from an object of an axis of a drive to that of the next one (ETG.6010, multi-axis drives).
+/// Distance between the same objects of two neighbouring axes of a drive (ETG.6010, multi-axis drives).
 const OBJECTS_OF_AXIS: u16 = 0x800;
-/// The objects of all axes, those of the first one in front.
+/// The objects of all axes, from the first axis on.
 const OBJECTS_OF_AXES: std::ops::Range<u16> = 0x6000..0xA000;
 
 /// Which modules are in the slots of a modular device (ETG.5001): what it exchanges follows from them.
@@ -179,7 +179,7 @@ pub fn of_axis(index: u16) -> Option<(u16, u16)> {
     ))
 }
 
-/// The number that an object has for an axis of a drive, from 0: its own are those of the first axis, others none.
+/// An object as an axis of a drive sees it, axes from 0: its own objects have the numbers of the first axis; none for an object of another.
 pub fn seen_by(index: u16, axis: u16) -> Option<u16> {
     match of_axis(index) {
         None => Some(index),

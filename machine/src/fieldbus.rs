@@ -92,7 +92,7 @@ pub struct AxisDrive {
     #[schemars(extend("unit" = "mm", "minimum" = -100_000, "maximum" = 100_000, "default" = 0.0))]
     pub zero_mm: f64,
     /// Turns of the motor that its absolute encoder tells apart: 1 of a single-turn encoder, 4096 of one of 12 bits of turns. The axis is
-    /// within its travel then, wherever the encoder begins anew. Without it as many as 32 bits of position hold.
+    /// within its travel then, also where the count repeats in the middle of it. Without it as many as 32 bits of position hold.
     #[schemars(extend("unit" = "turns", "minimum" = 1, "maximum" = 16_777_216))]
     pub encoder_turns: Option<u32>,
     /// Highest torque that the drive may give, either way, of its rated torque: written to it before it operates (60E0 and 60E1, or 6072

@@ -65,20 +65,30 @@ impl Streamed {
     /// The first thing that is wrong with it, or that the machine cannot do.
     pub fn read_on(&mut self, element: u32) -> Result<(), AheadError> {
         let course = &mut self.course;
-        let known = |course: &Course| {
-            course.is_over()
-                || course.windows.path().end() > element.saturating_add(AHEAD_ELEMENTS / 2)
-        };
-        course.read_on(element, false);
         // Blocks that move nothing may be many.
-        while !known(course) {
+        loop {
             course.read_on(element, false);
+            let wanted = element.saturating_add(AHEAD_ELEMENTS / 2);
+            if course.is_over() || course.windows.path().end() > wanted {
+                break;
+            }
         }
         course.places.clear();
         course.events.forget(u32::MAX);
         course.events.forget_messages();
         course.events.forget_passes(u32::MAX);
         course.refusal().map_or(Ok(()), Err)
+    }
+
+    /// What it comes to under this name, as far as it is read.
+    pub fn survey(&self, name: String) -> Survey {
+        Survey {
+            name,
+            elements: self.elements(),
+            length_mm: self.course.windows.path().length_mm(),
+            notes: self.course.notes(),
+            is_whole: self.course.is_whole(),
+        }
     }
 }
 
@@ -98,13 +108,5 @@ pub fn survey(
         streamed.read_on(streamed.course.windows.path().end())?;
         progress(streamed.elements());
     }
-    let course = &streamed.course;
-    let path = course.windows.path();
-    Ok(Survey {
-        name: text.name(),
-        elements: u64::from(path.end()),
-        length_mm: path.length_mm(),
-        notes: course.notes(),
-        is_whole: course.is_whole(),
-    })
+    Ok(streamed.survey(text.name()))
 }

@@ -1,7 +1,5 @@
 //! `quadrant check`: a machine and, if given, a program; starts nothing.
 
-use std::ops::ControlFlow;
-
 use crate::options::CheckOptions;
 use crate::walk::{walk, walk_long};
 use audit::Totals;
@@ -9,8 +7,6 @@ use console::exit::{Kind, Outcome};
 use console::logs;
 use console::output::say;
 use launcher::check::{Checked, Depth, load};
-use path::path_part::PathPart;
-use path::window::PlannedSetpoint;
 use program::Program;
 
 /// `check` plans so many setpoints one by one, in some tenths of a second; the time of what comes behind them follows from the speed map.
@@ -19,7 +15,14 @@ const JUDGED_SETPOINTS: u64 = 300_000;
 /// `quadrant check`.
 pub fn check(options: &CheckOptions) -> Outcome {
     logs::init_launcher();
-    let checked = load(&options.machine, options.program.as_deref(), Depth::Whole).input()?;
+    // A long program is read to its end as it is planned.
+    let program = options.program.as_deref();
+    let mut checked = load(&options.machine, program, Depth::Beginning).input()?;
+    let mut of_long = None;
+    if let (Some(_), Some(file)) = (&checked.long, program) {
+        let (totals, survey) = walk_long(&checked, file, |_, _| Ok(())).input()?;
+        (of_long, checked.long) = (Some(totals), Some(survey));
+    }
     let machine = &checked.machine;
     say(&format!(
         "machine {}: {} axes ({}), scan {} µs, interpolation period {} scans: good",
@@ -39,13 +42,11 @@ pub fn check(options: &CheckOptions) -> Outcome {
     }
     print_remarks(&checked);
     if checked.program.is_some() {
-        let each = |_: &PathPart, _: &PlannedSetpoint| ControlFlow::Continue(());
         let mut windows = checked.planner().input()?;
-        let totals = walk(&checked, &mut windows, JUDGED_SETPOINTS, each).input()?;
+        let totals = walk(&checked, &mut windows, JUDGED_SETPOINTS, |_, _| Ok(())).input()?;
         print_totals(&checked, &totals);
     }
-    if let (Some(_), Some(file)) = (&checked.long, &options.program) {
-        let totals = walk_long(&checked, file, |_, _| Ok(())).input()?;
+    if let Some(totals) = of_long {
         print_totals(&checked, &totals);
     }
     Ok(())

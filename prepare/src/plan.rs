@@ -2,7 +2,6 @@
 
 use std::fs::File;
 use std::io::{BufWriter, Write};
-use std::ops::ControlFlow;
 use std::path::Path;
 
 use crate::time_use::{TimeTable, TimeUse};
@@ -135,7 +134,8 @@ fn time(checked: &Checked, file: &Path, each: Each<'_>) -> anyhow::Result<Planne
 /// The same with each scan of each dwell.
 fn time_scan_by_scan(checked: &Checked, file: &Path, each: Each<'_>) -> anyhow::Result<Planned> {
     if checked.long.is_some() {
-        return Ok((walk_long(checked, file, each)?, None));
+        let (totals, _) = walk_long(checked, file, each)?;
+        return Ok((totals, None));
     }
     let (totals, table) = time_along(checked, checked.planner()?, each)?;
     Ok((totals, Some(table)))
@@ -147,16 +147,10 @@ fn time_along(
     each: Each<'_>,
 ) -> anyhow::Result<(Totals, TimeTable)> {
     let mut time_use = TimeUse::new(windows.limits().clone());
-    let mut result = Ok(());
     let totals = walk(checked, &mut windows, u64::MAX, |path, setpoint| {
         time_use.setpoint(path, setpoint);
-        result = each(path, setpoint);
-        match result {
-            Ok(()) => ControlFlow::Continue(()),
-            Err(_) => ControlFlow::Break(()),
-        }
+        each(path, setpoint)
     })?;
-    result?;
     Ok((totals, time_use.finish(windows.path())))
 }
 

@@ -10,7 +10,7 @@ use audit::{Ahead, ProgramWalk, Totals};
 use launcher::check::Checked;
 use path::path_part::PathPart;
 use path::window::{PlannedSetpoint, WindowPlanner};
-use planner::{ProgramText, Streamed};
+use planner::{ProgramText, Streamed, Survey};
 
 /// Time between two words on the way.
 const TELL_EVERY: Duration = Duration::from_secs(5);
@@ -18,12 +18,12 @@ const TELL_EVERY: Duration = Duration::from_secs(5);
 /// Plans the program as the planner process would, window by window, up to so many setpoints.
 ///
 /// # Errors
-/// The path cannot be planned within the limits.
+/// The path cannot be planned within the limits; and what `each` says.
 pub fn walk<A: Ahead>(
     checked: &Checked,
     ahead: &mut A,
     setpoints_max: u64,
-    each: impl FnMut(&PathPart, &PlannedSetpoint) -> ControlFlow<()>,
+    mut each: impl FnMut(&PathPart, &PlannedSetpoint) -> anyhow::Result<()>,
 ) -> anyhow::Result<Totals>
 where
     anyhow::Error: From<A::Error>,
@@ -33,11 +33,18 @@ where
         setpoints_per_window: checked.machine.scan.interpolation_period_scans,
         setpoints_max,
     };
-    let totals = walk.walk(ahead, each)?;
+    let mut result = Ok(());
+    let totals = walk.walk(ahead, |path, setpoint| {
+        result = each(path, setpoint);
+        match result {
+            Ok(()) => ControlFlow::Continue(()),
+            Err(_) => ControlFlow::Break(()),
+        }
+    })?;
     if let Some(fault) = &totals.fault {
         bail!("the plan breaks its own limits: {fault}; this is a defect of quadrant");
     }
-    Ok(totals)
+    result.map(|()| totals)
 }
 
 /// A long program, and when something was said of it last.
@@ -64,30 +71,23 @@ impl Ahead for Long<'_> {
     }
 }
 
-/// Plans all of it.
+/// Plans all of a long program; what it comes to, and what was read.
 ///
 /// # Errors
-/// It cannot be planned within the limits; and what `each` says.
+/// As [`walk`].
 pub(crate) fn walk_long(
     checked: &Checked,
     file: &Path,
-    mut each: impl FnMut(&PathPart, &PlannedSetpoint) -> anyhow::Result<()>,
-) -> anyhow::Result<Totals> {
+    each: impl FnMut(&PathPart, &PlannedSetpoint) -> anyhow::Result<()>,
+) -> anyhow::Result<(Totals, Survey)> {
     let text = ProgramText::File(file.to_path_buf());
     let mut long = Long {
         file,
         streamed: Streamed::new(&checked.machine, &text, checked.start)?,
         told: Instant::now(),
     };
-    let mut result = Ok(());
-    let totals = walk(checked, &mut long, u64::MAX, |path, setpoint| {
-        result = each(path, setpoint);
-        match result {
-            Ok(()) => ControlFlow::Continue(()),
-            Err(_) => ControlFlow::Break(()),
-        }
-    })?;
-    result.map(|()| totals)
+    let totals = walk(checked, &mut long, u64::MAX, each)?;
+    Ok((totals, long.streamed.survey(text.name())))
 }
 
 #[cfg(test)]
@@ -108,14 +108,15 @@ mod tests {
             let mut windows = checked.planner().expect("a planner");
             let totals = walk(&checked, &mut windows, u64::MAX, |_, setpoint| {
                 whole.push(setpoint.position_increments);
-                ControlFlow::Continue(())
+                Ok(())
             });
             let mut read = Vec::new();
             let as_read = walk_long(&checked, &file, |_, setpoint| {
                 read.push(setpoint.position_increments);
                 Ok(())
             });
-            assert_eq!(as_read.expect("planned"), totals.expect("planned"));
+            let (as_read, _) = as_read.expect("planned");
+            assert_eq!(as_read, totals.expect("planned"));
             assert!(whole.len() > 1_000 && read == whole, "{program}");
         }
     }

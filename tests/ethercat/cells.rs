@@ -6,7 +6,7 @@ use std::path::Path;
 use std::process::{Child, Stdio};
 use std::time::{Duration, Instant};
 
-use crate::runs::{Run, circle, run};
+use crate::runs::{Run, circle, kills_of_owners, run};
 use crate::segment::{Network, is_enabled, machine};
 use crate::support::root;
 
@@ -65,12 +65,8 @@ fn the_owner_of_the_bus_is_killed_forty_times_and_no_command_is_another_one() {
         return;
     };
     let undisturbed = run(&network, &[], None);
-    let kills = "[restart]\nrestarts_max = 1000\n\
-        [[fault]]\nat = { scan = 700 }\nprocess = \"fieldbus\"\ndo = \"kill\"\nrestart_after_scans = 20\n\
-        repeat = { times = 20, every_scans = 60 }\n\
-        [[fault]]\nat = { scan = 730 }\nprocess = \"fieldbus-b\"\ndo = \"kill\"\nrestart_after_scans = 20\n\
-        repeat = { times = 20, every_scans = 60 }\n";
-    let killed = run(&network, &[], Some(kills));
+    let kills = kills_of_owners(700, 20);
+    let killed = run(&network, &[], Some(&kills));
     assert_eq!(
         killed.text("/outcome/kind"),
         "completed",
@@ -81,7 +77,7 @@ fn the_owner_of_the_bus_is_killed_forty_times_and_no_command_is_another_one() {
         killed.text("/motion_digest"),
         undisturbed.text("/motion_digest")
     );
-    let again = run(&network, &[], Some(kills));
+    let again = run(&network, &[], Some(&kills));
     assert_eq!(killed.text("/digest"), again.text("/digest"));
 }
 

@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 
 use tempfile::TempDir;
 
-use crate::runs::{Done, Run};
+use crate::runs::{Run, kills_of_owners};
 use crate::segment::{DRIVES, MASTER, Network, machine};
 
 /// Its folder; none, and why, where nobody has it.
@@ -28,7 +28,7 @@ impl Simulator {
     fn new(network: &Network, folder: &Path) -> Simulator {
         let program = folder.join("build/simulation/network_simulator");
         let child = network
-            .command(program)
+            .first_command("70", program)
             .args(["-i", DRIVES, "-s"])
             .args(["ecat402-drive.json"; 3])
             .current_dir(folder.join("simulation/slave_configs"))
@@ -94,28 +94,13 @@ fn machine_of(network: &Network, folder: &Path, [mode, drive_mode, advance]: [&s
     made
 }
 
-/// Owner and standby of the bus are killed, twenty times each.
-const KILLS: &str = "[restart]\nrestarts_max = 1000\n\
-    [[fault]]\nat = { scan = 700 }\nprocess = \"fieldbus\"\ndo = \"kill\"\nrestart_after_scans = 20\n\
-    repeat = { times = 20, every_scans = 60 }\n\
-    [[fault]]\nat = { scan = 730 }\nprocess = \"fieldbus-b\"\ndo = \"kill\"\nrestart_after_scans = 20\n\
-    repeat = { times = 20, every_scans = 60 }\n";
-
-fn is_completed(done: &Done) {
-    assert_eq!(
-        done.text("/outcome/kind"),
-        "completed",
-        "{}",
-        done.printed()
-    );
-}
-
 #[test]
 fn slaves_of_other_software_run_a_circle_by_their_esi_file_and_the_owner_of_the_bus_may_be_killed()
 {
     let Some((network, folder)) = kickcat().and_then(|of| Some((Network::new()?, of))) else {
         return;
     };
+    let kills = kills_of_owners(700, 20);
     for modes in [["csv", "velocity", "10.0"], ["csp", "position", "1.0"]] {
         let run = |faults, options| {
             let _simulator = Simulator::new(&network, &folder);
@@ -128,17 +113,17 @@ fn slaves_of_other_software_run_a_circle_by_their_esi_file_and_the_owner_of_the_
             run.run_there(&network, &machine)
         };
         let undisturbed = run(None, &[]);
-        is_completed(&undisturbed);
+        undisturbed.is_completed();
         let form_um = undisturbed.number("/ball_bar/0/counter_clockwise/circular_deviation_um");
         assert!(form_um < 5.0, "{modes:?}: {form_um} µm");
-        let killed = run(Some(KILLS), &[]);
-        is_completed(&killed);
+        let killed = run(Some(&kills), &[]);
+        killed.is_completed();
         let killed_um = killed.number("/ball_bar/0/counter_clockwise/circular_deviation_um");
         assert!(
             (killed_um - form_um).abs() < 0.05,
             "{modes:?}: {killed_um} µm, {form_um} µm"
         );
-        is_completed(&run(None, &["--pace", "realtime"]));
-        is_completed(&run(Some(KILLS), &["--pace", "realtime"]));
+        run(None, &["--pace", "realtime"]).is_completed();
+        run(Some(&kills), &["--pace", "realtime"]).is_completed();
     }
 }

@@ -5,7 +5,7 @@ use std::fs;
 use tempfile::TempDir;
 
 use crate::runs::Run;
-use crate::segment::{Network, machine};
+use crate::segment::{Network, machine, program, set_drive_keys};
 
 /// A drive file of two axes, of one of a single axis: the PDOs of the second behind those of the first.
 fn of_two_axes(text: &str) -> String {
@@ -40,20 +40,12 @@ fn machine_of_two_axes(second: &str) -> TempDir {
     fs::write(drives.join("two.toml"), of_two_axes(&text)).expect("writing");
     let alone = text.replace("product_code = 0x2A", "product_code = 3");
     fs::write(drives.join("am-m.toml"), alone).expect("writing");
-    let file = folder.path().join("machine.toml");
-    let text = fs::read_to_string(&file).expect("the machine file");
-    let mut parts = text.split("file = \"drives/am-m.toml\"");
-    let mut made = parts.next().unwrap_or_default().to_string();
     let keys = [
         "file = \"drives/two.toml\"\nslave = 0",
         second,
         "file = \"drives/am-m.toml\"\nslave = 1",
     ];
-    for (keys, part) in keys.into_iter().zip(parts) {
-        made += keys;
-        made += part;
-    }
-    fs::write(&file, made).expect("writing");
+    set_drive_keys(folder.path(), keys);
     folder
 }
 
@@ -70,12 +62,7 @@ fn two_axes_of_one_drive_move_as_two_drives_do_to_the_bit() {
         ..Run::default()
     };
     let both = dual.run_on(&network, &machine_of_two_axes(SECOND));
-    assert_eq!(
-        both.text("/outcome/kind"),
-        "completed",
-        "{}",
-        both.printed()
-    );
+    both.is_completed();
     assert_eq!(both.text("/motion_digest"), alone.text("/motion_digest"));
     // A fault of the second axis is one of its axis alone.
     let fault = Run {
@@ -142,23 +129,14 @@ fn axes_in_the_slots_of_a_modular_drive_move_as_two_drives_do_once_their_modules
     let folder = machine_of_two_axes(SECOND);
     in_slots(&folder);
     let both = modular.run_on(&network, &folder);
-    assert_eq!(
-        both.text("/outcome/kind"),
-        "completed",
-        "{}",
-        both.printed()
-    );
+    both.is_completed();
     assert_eq!(both.text("/motion_digest"), alone.text("/motion_digest"));
     // A module that is not the one in the slot.
     let file = folder.path().join("drives/two.toml");
     let text = fs::read_to_string(&file).expect("a drive file");
     fs::write(&file, text.replacen("value = 0x100", "value = 0x101", 1)).expect("writing");
     let _segment = network.segment(&["--drives", "3", "--modular"]);
-    let program = crate::segment::program(folder.path());
-    let [machine, program] = [folder.path(), &program].map(|path| path.to_string_lossy());
-    let cell = crate::support::unique_cell();
-    let out = folder.path().join("wrong").to_string_lossy().into_owned();
-    let refused = network.quadrant(&["run", &machine, &program, "--out", &out, "--cell", &cell]);
+    let refused = network.run(folder.path(), &program(folder.path()));
     let printed = String::from_utf8_lossy(&refused.stderr).into_owned();
     assert_eq!(refused.status.code(), Some(3), "{printed}");
     assert!(printed.contains("writing F030:1 = 257"), "{printed}");

@@ -16,6 +16,17 @@ pub fn circle(folder: &Path) -> PathBuf {
     path
 }
 
+/// A fault script in which owner and standby of the bus are killed so many times each: the owner first in this scan, another one every 30.
+pub fn kills_of_owners(first_scan: u32, times: u32) -> String {
+    let each = [("fieldbus", first_scan), ("fieldbus-b", first_scan + 30)].map(|(process, scan)| {
+        format!(
+            "[[fault]]\nat = {{ scan = {scan} }}\nprocess = \"{process}\"\ndo = \"kill\"\nrestart_after_scans = 20\n\
+             repeat = {{ times = {times}, every_scans = 60 }}\n"
+        )
+    });
+    "[restart]\nrestarts_max = 1000\n".to_string() + &each.concat()
+}
+
 /// A run in lockstep that has ended.
 pub struct Done {
     pub output: Output,
@@ -35,6 +46,12 @@ impl Done {
         let value = self.report.pointer(pointer);
         let value = value.and_then(serde_json::Value::as_f64);
         value.unwrap_or_else(|| panic!("no {pointer}"))
+    }
+
+    /// The program ran to its end.
+    pub fn is_completed(&self) {
+        let kind = self.text("/outcome/kind");
+        assert_eq!(kind, "completed", "{}", self.printed());
     }
 
     /// What was printed, errors first.

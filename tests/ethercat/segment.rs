@@ -115,6 +115,17 @@ impl Network {
         command
     }
 
+    /// The same for a segment: one that is busy is looked for in vain, so where it may, it goes before everything else.
+    pub fn first_command(&self, priority: &str, program: impl AsRef<std::ffi::OsStr>) -> Command {
+        let first = Command::new("chrt").args(["-f", "1", "true"]).output();
+        if !first.is_ok_and(|first| first.status.success()) {
+            return self.command(program);
+        }
+        let mut command = self.command("chrt");
+        command.args(["-f", priority]).arg(program);
+        command
+    }
+
     /// `quadrant` inside.
     pub fn quadrant(&self, arguments: &[&str]) -> Output {
         let mut command = self.command(QUADRANT.expect("quadrant"));
@@ -165,17 +176,8 @@ impl Network {
         let folder = tempfile::tempdir().expect("a folder");
         let record = folder.path().join("record.csv");
         let scripts = root().join("tests/foreign/ethercat");
-        // A segment that is busy is looked for in vain: where it may, it goes before everything else.
-        let first = Command::new("chrt").args(["-f", "1", "true"]).output();
-        let first = first.is_ok_and(|first| first.status.success());
-        let mut command = if first {
-            let mut command = self.command("chrt");
-            command.args(["-f", priority]).arg(&self.python);
-            command
-        } else {
-            self.command(&self.python)
-        };
-        let mut child = command
+        let mut child = self
+            .first_command(priority, &self.python)
             .current_dir(&scripts)
             .env("PYTHONDONTWRITEBYTECODE", "1")
             .args(["segment.py", DRIVES, pace, "--record"])
@@ -293,6 +295,22 @@ pub fn machine(machine_edits: &[(&str, &str)], drive_edits: &[(&str, &str)]) -> 
         }
     }
     folder
+}
+
+/// The key of a drive in the shipped machine file.
+pub const DRIVE_FILE: &str = "file = \"drives/am-m.toml\"";
+
+/// Writes these keys in place of [`DRIVE_FILE`], axis by axis.
+pub fn set_drive_keys(folder: &Path, keys: [&str; 3]) {
+    let file = folder.join("machine.toml");
+    let text = fs::read_to_string(&file).expect("the machine file");
+    let mut parts = text.split(DRIVE_FILE);
+    let mut made = parts.next().unwrap_or_default().to_string();
+    for (keys, part) in keys.into_iter().zip(parts) {
+        made += keys;
+        made += part;
+    }
+    fs::write(&file, made).expect("writing");
 }
 
 /// A program that stands for a moment.

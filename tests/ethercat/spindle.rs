@@ -5,6 +5,7 @@ use std::f64::consts::TAU;
 
 use tempfile::TempDir;
 
+use crate::runs::kills_of_owners;
 use crate::segment::{Network, machine};
 use crate::terminals::ran;
 
@@ -52,13 +53,9 @@ fn a_program_turns_a_spindle_over_the_bus_the_same_on_every_run_and_whoever_is_k
         return;
     };
     let machine = with_spindle();
-    let kills = "[restart]\nrestarts_max = 1000\n\
-        [[fault]]\nat = { scan = 900 }\nprocess = \"fieldbus\"\ndo = \"kill\"\nrestart_after_scans = 20\n\
-        repeat = { times = 20, every_scans = 60 }\n\
-        [[fault]]\nat = { scan = 930 }\nprocess = \"fieldbus-b\"\ndo = \"kill\"\nrestart_after_scans = 20\n\
-        repeat = { times = 20, every_scans = 60 }\n";
+    let kills = kills_of_owners(900, 20);
     let mut digests = BTreeSet::new();
-    for faults in [None, None, Some(kills)] {
+    for faults in [None, None, Some(kills.as_str())] {
         let segment = network.segment(&["--drives", "4"]);
         let done = ran(&network, &machine, PROGRAM, faults);
         assert_eq!(

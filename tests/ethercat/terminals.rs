@@ -7,7 +7,7 @@ use std::path::Path;
 use tempfile::TempDir;
 
 use crate::cells::{await_status, mode, order, up};
-use crate::runs::Done;
+use crate::runs::{Done, kills_of_owners};
 use crate::segment::{MASTER, Network, Segment, machine};
 use crate::support::unique_cell;
 
@@ -175,12 +175,8 @@ fn a_program_commands_a_terminal_and_reads_it_and_no_output_changes_when_the_own
     };
     let machine = with_terminal("");
     let mut runs = Vec::new();
-    let kills = "[restart]\nrestarts_max = 1000\n\
-        [[fault]]\nat = { scan = 700 }\nprocess = \"fieldbus\"\ndo = \"kill\"\nrestart_after_scans = 20\n\
-        repeat = { times = 10, every_scans = 60 }\n\
-        [[fault]]\nat = { scan = 730 }\nprocess = \"fieldbus-b\"\ndo = \"kill\"\nrestart_after_scans = 20\n\
-        repeat = { times = 10, every_scans = 60 }\n";
-    for faults in [None, None, Some(kills)] {
+    let kills = kills_of_owners(700, 10);
+    for faults in [None, None, Some(kills.as_str())] {
         let segment = segment(&network, &[]);
         let done = says(
             (&network, &machine),

@@ -8,7 +8,8 @@ use bus::sample::AnswerOutcome;
 use monitor::log::{RunLog, Sample};
 use tempfile::TempDir;
 
-use crate::segment::{MASTER, Network, Segment, machine};
+use crate::runs::kills_of_owners;
+use crate::segment::{DRIVE_FILE, MASTER, Network, Segment, is_enabled, machine, set_drive_keys};
 use crate::support::unique_cell;
 
 /// The drive file with the inputs and the touch-probe unit that `segment.py --touch` gives its drives.
@@ -30,26 +31,15 @@ const TURN_MM: f64 = 62.831_853_07;
 /// The shipped machine over such drives, keys added to the drives of its axes, and tables behind them.
 fn machine_with(keys: [&str; 3], end: &str) -> TempDir {
     let folder = machine(&[], DRIVE);
+    let keys = keys.map(|keys| format!("{DRIVE_FILE}\n{}", keys.trim_end()));
+    set_drive_keys(folder.path(), keys.each_ref().map(String::as_str));
     let file = folder.path().join("machine.toml");
     let text = fs::read_to_string(&file).expect("the machine file");
-    let named = "file = \"drives/am-m.toml\"\n";
-    let mut parts = text.split(named);
-    let mut made = parts.next().unwrap_or_default().to_string();
-    for (keys, part) in keys.into_iter().zip(parts) {
-        made += &format!("{named}{keys}{part}");
-    }
-    fs::write(&file, made + end).expect("writing");
+    fs::write(&file, text + end).expect("writing");
     folder
 }
 
-/// Owner and standby of the bus are killed, each every 60 scans.
-const KILLS: &str = "[restart]\nrestarts_max = 1000\n\
-    [[fault]]\nat = { scan = 350 }\nprocess = \"fieldbus\"\ndo = \"kill\"\nrestart_after_scans = 20\n\
-    repeat = { times = 400, every_scans = 60 }\n\
-    [[fault]]\nat = { scan = 380 }\nprocess = \"fieldbus-b\"\ndo = \"kill\"\nrestart_after_scans = 20\n\
-    repeat = { times = 400, every_scans = 60 }\n";
-
-/// Runs a program in lockstep, with these kills or without.
+/// Runs a program in lockstep, owners of the bus killed or not.
 fn run(network: &Network, folder: &Path, [program, orders]: [&str; 2], faults: bool) {
     let name = |file: &str| folder.join(file).to_string_lossy().into_owned();
     for (file, text) in [("program.ngc", program), ("orders.toml", orders)] {
@@ -62,7 +52,7 @@ fn run(network: &Network, folder: &Path, [program, orders]: [&str; 2], faults: b
         "run", &machine, &program, "--orders", &orders, "--out", &out, "--cell", &cell,
     ];
     if faults {
-        fs::write(&script, KILLS).expect("writing");
+        fs::write(&script, kills_of_owners(350, 400)).expect("writing");
         arguments.extend(["--faults", &script, "--with-drives"]);
     }
     let done = network.quadrant(&arguments);
@@ -74,7 +64,7 @@ fn run(network: &Network, folder: &Path, [program, orders]: [&str; 2], faults: b
 fn last_places(record: &str) -> [f64; 3] {
     let mut places = [f64::NAN; 3];
     let rows = record.lines();
-    for row in rows.filter(|row| crate::segment::is_enabled(row)) {
+    for row in rows.filter(|row| is_enabled(row)) {
         let cells: Vec<&str> = row.split(',').collect();
         let (Some(drive), Some(place)) = (number(cells.get(4)), number(cells.get(8))) else {
             continue;
@@ -227,8 +217,7 @@ fn what_a_drive_cannot_latch_and_inputs_that_nobody_is_are_refused() {
     let file = unlatched.path().join("machine.toml");
     let text = fs::read_to_string(&file).expect("the machine file");
     let refused = |folder: &Path, keys: &str, end: &str, words: &str| {
-        let named = "file = \"drives/am-m.toml\"\n";
-        let edited = text.replacen(named, &format!("{named}{keys}"), 1) + end;
+        let edited = text.replacen(DRIVE_FILE, &format!("{DRIVE_FILE}\n{keys}"), 1) + end;
         fs::write(folder.join("machine.toml"), edited).expect("writing");
         let check = network.quadrant(&["check", &folder.to_string_lossy()]);
         let printed = String::from_utf8_lossy(&check.stderr).into_owned();

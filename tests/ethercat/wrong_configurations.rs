@@ -2,8 +2,9 @@
 
 use std::process::Output;
 
-use crate::segment::{MASTER, Network, enabled_steps, machine, program};
-use crate::support::root;
+use crate::segment::{
+    DRIVE_FILE, MASTER, Network, enabled_steps, machine, program, set_drive_keys,
+};
 
 /// A wrong configuration.
 struct Wrong {
@@ -375,17 +376,11 @@ fn a_slave_without_a_mailbox_that_the_machine_file_names_is_left_alone() {
     let Some(network) = Network::new() else {
         return;
     };
-    let text = std::fs::read_to_string(root().join("machines/xy-ethercat/machine.toml"));
-    let mut text = text.expect("the machine file");
-    text = text.replace("standby = true", "standby = true\nother_slaves = [1]");
-    let folder = machine(&[], &[]);
+    let other = [("standby = true", "standby = true\nother_slaves = [1]")];
+    let folder = machine(&other, &[]);
     // X stands before the other slave, Y and Z behind it.
-    let mut parts = text.split("file = \"drives/am-m.toml\"");
-    let mut made = parts.next().expect("a beginning").to_string();
-    for (part, slave) in parts.zip([0, 2, 3]) {
-        made += &format!("file = \"drives/am-m.toml\"\nslave = {slave}{part}");
-    }
-    std::fs::write(folder.path().join("machine.toml"), made).expect("writing");
+    let keys = [0, 2, 3].map(|slave| format!("{DRIVE_FILE}\nslave = {slave}"));
+    set_drive_keys(folder.path(), keys.each_ref().map(String::as_str));
     let program = program(folder.path());
     let segment = network.segment(&["--drives", "3", "--io", "1"]);
     let output = network.run(folder.path(), &program);

@@ -1,13 +1,14 @@
-//! Where an absolute encoder is: its drive shows a count that begins anew after so many turns, from a zero of its own.
+//! The place of an absolute encoder: the count of its drive has a zero of its own, and repeats after the turns that the encoder tells
+//! apart.
 
 use crate::drive_file::DriveFile;
 
-/// What the machine says of an absolute encoder; of an axis that is homed nothing.
+/// An absolute encoder, as the machine file describes it; the default for an axis that is homed.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct AbsoluteEncoder {
     /// Position of the machine where the drive shows 0, in mm.
     pub zero_mm: f64,
-    /// Turns of the motor that the encoder tells apart; none where that are all that the 32 bits of a position hold.
+    /// Turns of the motor that the encoder tells apart; none for all turns that 32 bits of position hold.
     pub turns: Option<u32>,
     /// Middle of the travel, in mm.
     pub middle_mm: f64,
@@ -18,7 +19,7 @@ pub struct AbsoluteEncoder {
 pub(super) struct EncoderPlace {
     zero: i64,
     middle: i64,
-    /// So many increments further the drive shows the same, at the latest after it was without power.
+    /// Increments after which the count of the drive repeats, at the latest when the drive gets its power back.
     range: i64,
 }
 
@@ -76,8 +77,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_encoder_of_few_turns_is_at_the_place_within_the_travel_and_after_a_loss_of_power_at_the_nearest()
-     {
+    fn an_encoder_of_few_turns_is_within_the_travel_whatever_happened_while_it_was_off() {
         let encoder = EncoderPlace {
             zero: -300,
             middle: 2_000,
