@@ -127,6 +127,22 @@ impl Counts {
         self.clock_off_sum_ns = self.clock_off_sum_ns.saturating_add(off_ns);
         self.clock_off_max_ns = self.clock_off_max_ns.max(off_ns);
     }
+
+    /// What came of the frames, in one line.
+    pub fn words(&self) -> String {
+        let Counts {
+            sent, missed, late, ..
+        } = self;
+        let mut words = format!("of {sent} frames since the start-up {missed} missed, {late} late");
+        if let Some(mean_ns) = self.clock_off_sum_ns.checked_div(self.clocked) {
+            let us = |ns: u64| ns as f64 / 1e3;
+            let (mean_us, most_us) = (us(mean_ns), us(self.clock_off_max_ns));
+            words += &format!(
+                ", off the middle between two SYNC0 by {mean_us:.1} µs (mean), {most_us:.1} µs (most)"
+            );
+        }
+        words
+    }
 }
 
 /// What came back in a cycle.

@@ -133,6 +133,33 @@ fn inputs_of_drives_are_the_inputs_of_the_machine_that_its_file_names() {
 }
 
 #[test]
+fn a_new_master_is_shown_once_which_drives_were_without_power_since_the_one_before_saw_them() {
+    let folder = folder(&[], MAPPED);
+    let of_start_up = |nonce, restarted: [u32; 3]| {
+        let mut wire = shows([0; 3], WireAnswer::Answered);
+        wire.wiring.nonce = nonce;
+        for (slave, restarted) in wire.wiring.slaves.iter_mut().zip(restarted) {
+            slave.restarted = restarted;
+        }
+        drives(&folder, wire)
+    };
+    let shown = |drives: &mut Cia402Drives<Shows>| {
+        drives.exchange(&[DriveCommand::Disabled; 3]);
+        [0, 1, 2].map(|axis| drives.feedback(axis).restarted)
+    };
+    let mut first = of_start_up(7, [1, 1, 1]);
+    assert_eq!(shown(&mut first), [false; 3], "nobody had seen them before");
+    let mut state = vec![0; first.state_bytes()];
+    first.save(&mut state);
+    for (nonce, restarted) in [(7, [1, 1, 1]), (8, [0, 1, 0])] {
+        let mut next = of_start_up(nonce, restarted);
+        next.restore(&state).expect("a saved state");
+        assert_eq!(shown(&mut next), [false, nonce == 8, false]);
+        assert_eq!(shown(&mut next), [false; 3]);
+    }
+}
+
+#[test]
 fn a_bus_that_is_down_shows_no_input_and_nobody_in_operation() {
     let folder = with("input_bits = [0]\n", "", MAPPED);
     let down = drives(&folder, shows([1, 1, 1], WireAnswer::Down));

@@ -576,6 +576,12 @@ impl Group {
         deaths
     }
 
+    /// What came of the frames of the fieldbus, in one line; none without one.
+    pub fn bus_words(&self) -> Option<String> {
+        let newest = self.drive_page.as_ref()?.newest_inputs()?;
+        Some(newest.counts.words())
+    }
+
     /// After the death of a fieldbus process: the bus is free, unless a standby lives, which takes it over.
     fn free_bus(&self, deaths: &[Death]) {
         let died = deaths.iter().any(|death| death.job == Job::Fieldbus);

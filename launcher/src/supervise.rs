@@ -365,7 +365,12 @@ impl<'a> Supervision<'a> {
         };
         let is_tripped = feedback.mode == Mode::Tripped as u32;
         if is_tripped && !self.tripped {
-            let how = stop_words(feedback, self.machine, None);
+            let mut how = stop_words(feedback, self.machine, None);
+            let of_drive = [Cause::DriveLost as u32, Cause::DriveFault as u32];
+            let of_drive = of_drive.contains(&feedback.cause);
+            if let Some(words) = self.group.bus_words().filter(|_| of_drive) {
+                how += &format!("; {words}");
+            }
             tracing::error!("{how}");
             self.events.note(feedback.scan, "trip", how);
         }

@@ -139,7 +139,7 @@ pub struct DriveFeedback {
     /// The same of contact of the touch probe that is watched ([`Drives::watch_probe`]), in the scan in which the drive shows what it
     /// latched (60BAh, 60BBh).
     pub probe_mm: Option<f64>,
-    /// It was without power, or reset, before the bus was started up last: where it is, it may believe only.
+    /// It was without power, or reset, since this master or the one before it saw it last: where it is, it may believe only.
     pub restarted: bool,
     /// Whether it follows commands.
     pub state: DriveState,

@@ -108,6 +108,10 @@ fn a_drive_whose_cable_breaks_while_a_frame_is_on_it_stops_the_others_whichever_
             "{order}: {why}"
         );
         assert!(why.contains(&format!("axis {named}")), "{order}: {why}");
+        assert!(
+            why.contains(" frames since the start-up "),
+            "{order}: {why}"
+        );
         scans.push(scan.parse::<u64>().expect("a scan"));
         // What the others did is measured from the path.
         let peak_um = done.report.pointer("/contour_error_um/peak");

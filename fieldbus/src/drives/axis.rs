@@ -125,8 +125,8 @@ pub(super) struct DriveAxis {
     contact: Option<Edge>,
     /// Which change of the contact is waited for: made, or lost.
     pub watches: Option<bool>,
-    /// The start-up in which it was seen last.
-    start_up: u64,
+    /// The start-up in which it was seen last; 0 for none.
+    pub start_up: u64,
     device: DeviceState,
     missed: u32,
     /// Missed cycles in a row after which the drive counts as lost. What the drive makes of them it says in the next cycle that comes
@@ -403,8 +403,11 @@ impl DriveAxis {
         self.device = DeviceState::of(statusword);
         let raw = fields.position.map_or(0, |field| field.read_signed(own));
         let shown_mode = fields.mode_display.map(|field| field.read_signed(own));
-        let restarted = wiring.restarted == 1 && self.start_up != start_up;
-        self.start_up = start_up;
+        let before = std::mem::replace(&mut self.start_up, start_up);
+        let restarted = wiring.restarted == 1 && ![0, start_up].contains(&before);
+        if restarted {
+            self.homing.lose();
+        }
         self.counted = match self.raw.filter(|_| !restarted) {
             // From here on the drive counts from its reference.
             _ if self.homing.take(statusword, shown_mode) => raw.into(),

@@ -111,8 +111,8 @@ pub struct Cia402Drives<W> {
     wanted_scans: u32,
 }
 
-/// A count, and whether the drive knows its place.
-const SAVED_BYTES: usize = 16;
+/// A count, whether the drive knows its place, and the start-up in which it was seen last.
+const SAVED_BYTES: usize = 24;
 /// So long drives are given to come to rest before a master takes them over from one that was lost, in s.
 const RUN_DOWN_S: f64 = 3.0;
 /// So long drives are given to show where they are, in s.
@@ -479,22 +479,32 @@ impl<W: Wire> Drives for Cia402Drives<W> {
         let slots = bytes.as_chunks_mut::<SAVED_BYTES>().0;
         let moved = self.moved().map(|drive| {
             let referenced = u64::from(drive.homing.is_referenced());
-            [drive.counted as u64, referenced]
+            [drive.counted as u64, referenced, drive.start_up]
         });
-        for (slot, words) in slots.iter_mut().zip(moved.chain(self.signals.counts())) {
+        let counts = self.signals.counts();
+        let counts = counts.map(|[counted, counts]| [counted, counts, 0]);
+        for (slot, words) in slots.iter_mut().zip(moved.chain(counts)) {
             slot.copy_from_slice(bytemuck::bytes_of(&words));
         }
     }
 
     fn restore(&mut self, bytes: &[u8]) -> Result<(), StateRefused> {
         let slots = bytes.as_chunks::<SAVED_BYTES>().0.iter();
-        let mut slots = slots.map(|slot| bytemuck::pod_read_unaligned::<[u64; 2]>(slot));
+        let mut slots = slots.map(|slot| bytemuck::pod_read_unaligned::<[u64; 3]>(slot));
+        let mut start_ups = Vec::new();
         for (drive, _) in moved_mut(&mut self.axes, &mut self.spindle) {
-            let [counted, referenced] = slots.next().ok_or(StateRefused)?;
+            let [counted, referenced, start_up] = slots.next().ok_or(StateRefused)?;
             drive.count_from(counted as i64, referenced == 1);
+            start_ups.push(start_up);
         }
-        self.signals.count_from(slots);
+        let counts = slots.map(|[counted, counts, _]| [counted, counts]);
+        self.signals.count_from(counts);
         self.run_down();
+        // Who was without power since is shown in the first scan.
+        let moved = moved_mut(&mut self.axes, &mut self.spindle);
+        for ((drive, _), start_up) in moved.zip(start_ups) {
+            drive.start_up = start_up;
+        }
         Ok(())
     }
 }

@@ -408,7 +408,7 @@ impl AxisUnit {
                 }
                 self.drive.referenced
             }
-            Some(_) => !self.drive.state.is_lost(),
+            Some(_) => !(self.drive.state.is_lost() || self.drive.restarted),
         };
         if !keeps && self.reference == Reference::Known {
             self.reference = Reference::Missing;

@@ -48,9 +48,16 @@ impl DrivePlace {
             return;
         }
         let at_mm = drive.motor_position_mm;
-        let off_mm = at_mm - self.seen_mm.unwrap_or(at_mm);
-        if was_lost && drive.restarted && off_mm.abs() > self.may_go_mm + LEAST_MM {
-            self.displaced_mm = Some(self.displaced_mm.unwrap_or(0.0) + off_mm);
+        match self.seen_mm {
+            // The master before this one had seen it.
+            None if drive.restarted => self.doubt(),
+            Some(seen_mm) if was_lost && drive.restarted => {
+                let off_mm = at_mm - seen_mm;
+                if off_mm.abs() > self.may_go_mm + LEAST_MM {
+                    self.displaced_mm = Some(self.displaced_mm.unwrap_or(0.0) + off_mm);
+                }
+            }
+            _ => {}
         }
         self.seen_mm = Some(at_mm);
         let speed_mm_s = drive.velocity_mm_s.abs();
@@ -101,7 +108,7 @@ mod tests {
             state,
             motor_position_mm,
             velocity_mm_s,
-            restarted: true,
+            restarted: state == DriveState::Off,
             ..DriveFeedback::default()
         }
     }
@@ -150,7 +157,21 @@ mod tests {
         let mut place = new();
         place.take(&shows(DriveState::Lost { code: 0 }, 0.0, 0.0));
         assert!(!place.is_unsure());
-        place.take(&shows(DriveState::Off, 170.0, 0.0));
+        let first = DriveFeedback {
+            restarted: false,
+            ..shows(DriveState::Off, 170.0, 0.0)
+        };
+        place.take(&first);
         assert_eq!(place.displaced_mm(), None);
+    }
+
+    #[test]
+    fn a_drive_that_was_without_power_while_no_master_lived_has_to_be_looked_at() {
+        let mut place = new();
+        place.take(&shows(DriveState::Off, 10.0, 0.0));
+        assert_eq!(place.displaced_mm(), Some(0.0));
+        place.confirm();
+        place.take(&shows(DriveState::Ready, 10.0, 0.0));
+        assert!(!place.is_unsure());
     }
 }
