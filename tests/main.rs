@@ -16,6 +16,7 @@ mod docs;
 mod doctor;
 mod drive_files;
 mod faults;
+mod five_axes;
 mod foreign_drives;
 mod full_disk;
 mod fuzz_seeds;

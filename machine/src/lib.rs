@@ -41,6 +41,7 @@ mod processes;
 mod renamed;
 mod restart;
 mod reversal;
+mod rotary_line;
 mod rules;
 pub mod settings_file;
 mod signals;
@@ -81,6 +82,7 @@ pub use process::Process;
 pub use processes::Processes;
 pub use restart::{AfterLoss, AfterMaster, AfterMonitor, AfterStandby, Restart};
 pub use reversal::{PositionErrorPart, PulseShape, Reversal, ReversalMethod, Trigger};
+pub use rotary_line::{Carried, RotaryLine};
 pub use signals::{
     Functions, Handwheel, LimitSwitches, MachineCodes, MachineState, SetBy, Signal, SignalKind,
     SignalSink, SignalSource,

@@ -24,6 +24,7 @@ use crate::path::PathSettings;
 use crate::positioning::Positioning;
 use crate::processes::Processes;
 use crate::restart::Restart;
+use crate::rotary_line::RotaryLine;
 use crate::signals::{Functions, Signal};
 use crate::tool_table::Tool;
 
@@ -44,6 +45,11 @@ pub struct Machine {
     pub path: PathSettings,
     /// How the axes carry the tool ([method](../methods/pivot-axis.md)). Without this table they are the program's X, Y, Z ….
     pub kinematics: Option<Kinematics>,
+    /// Lines of the rotary axes for G43.4 ([five axes](../methods/five-axes.md)): of those that carry the work the one nearest to the bed
+    /// first, of those that carry the tool the one nearest to the slides.
+    #[serde(rename = "rotary_line")]
+    #[schemars(extend("default" = []))]
+    pub rotary_lines: Vec<RotaryLine>,
     /// Motion off the path: at reduced speeds, because nobody planned it. Axes that are slower anyway keep their own limit.
     pub manual: Manual,
     /// What follows when a process is lost ([all cases](faults.md)).

@@ -16,6 +16,7 @@ mod kinematics;
 mod model;
 mod processes;
 mod reversal;
+mod rotary_lines;
 mod signals;
 mod weight;
 
@@ -33,6 +34,7 @@ pub fn judge(rules: &mut Rules<'_>, machine: &Machine) {
         rules.at_least(&path, None, high, "rev/min", "speed_min_rpm", low);
     }
     kinematics::judge(rules, machine);
+    rotary_lines::judge(rules, machine);
     fieldbus::judge(rules, machine);
     processes::judge(rules, machine);
     signals::judge(rules, machine);

@@ -44,6 +44,8 @@ pub struct PathTolerance {
     pub corner_mm: f64,
     /// Along chords that stand for a curve (Q); 0: as at corners.
     pub chord_mm: f64,
+    /// Of rotary axes, in degrees; 0: as the machine has it.
+    pub rotary_deg: f64,
 }
 
 impl PathTolerance {
@@ -51,6 +53,7 @@ impl PathTolerance {
     pub const EXACT: Self = Self {
         corner_mm: 0.0,
         chord_mm: 0.0,
+        rotary_deg: 0.0,
     };
 }
 

@@ -33,5 +33,6 @@ mod sharing;
 mod smoothing;
 pub mod speed_map;
 pub mod spindle_following;
+pub mod tool_centre;
 pub mod travel;
 pub mod window;

@@ -84,6 +84,8 @@ struct Junction {
     taken: f64,
     /// How far it may deviate, in mm.
     tolerance_mm: f64,
+    /// How far rotary axes may, in degrees.
+    rotary_deg: f64,
     /// Two short lines meet there that stand for a curve.
     is_between_chords: bool,
     /// Jump of the tangent as it is programmed.
@@ -108,6 +110,7 @@ impl Junction {
             moved: AxisVector::zeros(),
             taken: 0.0,
             tolerance_mm: 0.0,
+            rotary_deg: 0.0,
             is_between_chords: false,
             programmed_kink: AxisVector::zeros(),
             kink: AxisVector::zeros(),
@@ -151,6 +154,9 @@ impl Junction {
         } else {
             chord_mm.min(corner_mm)
         };
+        let of_both = [before, after].map(|element| element.tolerance.rotary_deg);
+        let own_deg = of_both.into_iter().filter(|degrees| *degrees > 0.0);
+        junction.rotary_deg = own_deg.fold(settings.rotary_tolerance_deg, f64::min);
         let is_chord = |element: &Element| {
             matches!(element.shape, Shape::Line { .. })
                 && element.length_mm <= CHORD_OVER_TOLERANCE_MAX * junction.tolerance_mm
@@ -167,24 +173,23 @@ impl Junction {
             return;
         }
         if self.kink.norm() > NEGLIGIBLE_KINK {
-            self.kink_weight_per_mm = size(&self.kink, self.tolerance_mm, settings);
+            self.kink_weight_per_mm = self.size(&self.kink, settings);
         }
         if self.bend_per_mm.norm() > NEGLIGIBLE_BEND_PER_MM {
             self.bend_weight_per_mm2 =
-                size(&self.bend_per_mm, self.tolerance_mm, settings) / correction::BEND_SHARE;
+                self.size(&self.bend_per_mm, settings) / correction::BEND_SHARE;
         }
     }
-}
 
-/// Size of a vector over what slides and rotary axes may deviate.
-fn size(vector: &AxisVector, tolerance_mm: f64, settings: &RoundingSettings) -> f64 {
-    let [mut linear, mut rotary] = [0.0, 0.0];
-    for (component, is_rotary) in vector.iter().zip(&settings.rotary) {
-        let squares = if *is_rotary { &mut rotary } else { &mut linear };
-        *squares += component * component;
+    /// Size of a vector over what slides and rotary axes may deviate.
+    fn size(&self, vector: &AxisVector, settings: &RoundingSettings) -> f64 {
+        let [mut linear, mut rotary] = [0.0, 0.0];
+        for (component, is_rotary) in vector.iter().zip(&settings.rotary) {
+            let squares = if *is_rotary { &mut rotary } else { &mut linear };
+            *squares += component * component;
+        }
+        (linear.sqrt() / self.tolerance_mm).max(rotary.sqrt() / self.rotary_deg)
     }
-    let rotary = rotary.sqrt() / settings.rotary_tolerance_deg;
-    (linear.sqrt() / tolerance_mm).max(rotary)
 }
 
 /// Whether a path may leave an element for a rounded one.

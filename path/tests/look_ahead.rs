@@ -185,7 +185,7 @@ proptest! {
     ) {
         let limits = limits(smooth);
         let corner_mm = if smooth { 0.02 } else { 0.0 };
-        let tolerance = PathTolerance { corner_mm, chord_mm: 0.0 };
+        let tolerance = PathTolerance { corner_mm, ..PathTolerance::EXACT };
         let elements = of_all_lengths(seed, size::number("ELEMENTS", 18_000, 25_000) as usize, tolerance);
         let most = size::number("SETPOINTS", 8_000, 30_000) as usize;
         let (found, expected) = std::thread::scope(|scope| {

@@ -178,7 +178,7 @@ proptest! {
         let limits = limits(smooth);
         let mut elements = curve(seed, 12_000);
         for element in elements.iter_mut().filter(|_| smooth) {
-            element.tolerance = PathTolerance { corner_mm: 0.02, chord_mm: 0.0 };
+            element.tolerance = PathTolerance { corner_mm: 0.02, ..PathTolerance::EXACT };
         }
         let loads = loads();
         let positioning = at_least_heat.then_some(&loads);

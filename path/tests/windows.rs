@@ -220,6 +220,7 @@ fn any_tolerance() -> impl Strategy<Value = PathTolerance> {
     (corner_mm, chord_mm).prop_map(|(corner_mm, chord_mm)| PathTolerance {
         corner_mm,
         chord_mm,
+        ..PathTolerance::EXACT
     })
 }
 

@@ -105,6 +105,7 @@ impl InForce {
         PathTolerance {
             corner_mm,
             chord_mm: chord_mm.unwrap_or(corner_mm),
+            rotary_deg: 0.0,
         }
     }
 

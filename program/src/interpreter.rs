@@ -148,6 +148,7 @@ impl Interpreter {
     fn execute(&mut self, line: u32, words: &mut Words) -> Done {
         self.state.check_words_used(words)?;
         self.route.check_words(&self.state, words)?;
+        self.state.check_tool_centre(words)?;
         self.change(line, |state, acts| state.feed_words(words, acts));
         self.change(line, |state, acts| state.speed_and_tool(words, acts))?;
         self.inputs_and_outputs(line, words)?;

@@ -117,6 +117,7 @@ mod straight;
 mod surface;
 mod text;
 mod threading;
+mod tilted_plane;
 mod tools;
 mod words;
 mod work;

@@ -15,6 +15,7 @@ use crate::parameters::{Parameters, base};
 use crate::program::{EventKind, Setup};
 use crate::refusal::{Refusal, refuse};
 use crate::state::{Motion, SavedModes};
+use crate::tilted_plane::TiltedPlane;
 use crate::tools::Tools;
 use crate::words::{Group, Words, group_of, mode_words};
 
@@ -31,6 +32,7 @@ mod radius;
 mod splines;
 mod straight;
 mod threads;
+mod tool_centre;
 mod tool_words;
 mod turning;
 mod use_of_words;
@@ -93,6 +95,10 @@ pub struct State {
     position: AxisVector,
     /// Place of the tool where it is another one.
     stands: Option<AxisVector>,
+    /// Where the axes are while the tool's centre point is controlled (G43.4): places of the program are none of theirs then.
+    axes: Option<AxisVector>,
+    /// The plane of G68.2.
+    plane: Option<TiltedPlane>,
     parameters: Parameters,
 }
 

@@ -1,8 +1,11 @@
 //! What goes into the interpreter and what comes out.
 
+use std::sync::Arc;
+
 use bus::sample::AskedInput;
 use machine::{Beginning, KeptParameters, Tool};
 use path::geometry::{AxisVector, Element, Path};
+use path::tool_centre::ToolCentre;
 use serde::{Deserialize, Serialize};
 use xxhash_rust::xxh3::Xxh3;
 
@@ -53,6 +56,8 @@ pub struct Setup {
     pub user_codes: bool,
     /// Those that the machine itself does.
     pub machine_codes: Vec<u32>,
+    /// How rotary axes turn tool and work, for G43.4; none where the machine does not say.
+    pub tool_centre: Option<Arc<ToolCentre>>,
     /// How far the path may leave the programmed one in G64 without P, in mm; above 0 programs begin in G64, else in G61.
     pub tolerance_mm: f64,
     /// Highest speed of the spindle, in rev/min: what is fed per turn in G96 goes no faster.
@@ -358,6 +363,11 @@ pub fn source_hash(text: TextHash, setup: &Setup, start: &AxisVector) -> u64 {
     }
     if setup.block_delete {
         hash.update(b"/");
+    }
+    if let Some(tool_centre) = &setup.tool_centre {
+        for number in tool_centre.numbers() {
+            hash.update(&number.to_bits().to_le_bytes());
+        }
     }
     hash.digest()
 }

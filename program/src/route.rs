@@ -10,10 +10,12 @@ use crate::program::EventKind;
 use crate::refusal::{Done, if_none};
 use crate::state::{Carried, Happening};
 use crate::surface::FeedPerTurn;
+use crate::words::Words;
 
 mod beside;
 mod limits;
 mod output;
+mod tool_centre;
 
 use limits::{Bounds, Limits};
 pub use output::{Bound, Counts, Output};
@@ -55,6 +57,15 @@ impl Route {
                 Act::Move(to, feed) => {
                     self.output.straight_feeds += u32::from(feed != Feed::Rapid);
                     let from = state.tool_place();
+                    if state.controls_tool_centre() {
+                        let no_words = Words::default();
+                        let cause = Cause::new(line, &no_words, 0);
+                        let shape = [Shape::Line { from, to }];
+                        // Nothing turns in such a move: it is one line.
+                        let bounds = self.add_by_axes(state, cause, &shape, feed);
+                        ways.extend(bounds.unwrap_or_default());
+                        continue;
+                    }
                     ways.reserve(1 + acts.len());
                     ways.push(Bounds::of_line(from, to));
                     self.add(state, line, Shape::Line { from, to }, feed, per_turn);
@@ -86,6 +97,9 @@ impl Route {
 
     /// Goes along shapes; refuses those that leave the travel.
     pub fn go(&mut self, state: &mut State, cause: Cause, shapes: Vec<Shape>, feed: Feed) -> Done {
+        if state.controls_tool_centre() {
+            return self.go_by_axes(state, cause, &shapes, feed);
+        }
         let outside = self.limits.outside(state, cause, &Bounds::of(&shapes));
         if let Some(last) = shapes.last() {
             state.go_to(last.end());

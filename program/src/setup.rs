@@ -1,10 +1,13 @@
 //! What the machine file says of programs.
 
 use bus::sample::AnswerOutcome;
-use machine::{self, AxisKind, KinematicsKind, Machine};
+use std::sync::Arc;
+
+use machine::{self, AxisKind, Carried, KinematicsKind, Machine};
 use path::geometry::{AxisVector, PATH_AXES};
 use path::kinematics::Kinematics;
 use path::pivot::{self, OutOfReach, PivotY};
+use path::tool_centre::{RotaryLine, ToolCentre};
 
 use crate::error::{ProgramError, refuse_file};
 use crate::letters::AXIS_LETTERS;
@@ -57,6 +60,7 @@ impl Setup {
             beginning: machine.beginning.clone(),
             tools: machine.tools.clone(),
             block_delete: machine.program.block_delete,
+            tool_centre: tool_centre_of(machine).map(Arc::new),
             tolerance_mm: machine.path.tolerance_mm,
             probe: machine.program.probe,
             spindle_max_rpm: machine
@@ -98,6 +102,27 @@ pub fn kinematics_of(machine: &Machine) -> Kinematics {
             }),
         });
     pivot.map_or(Kinematics::Cartesian, Kinematics::PivotY)
+}
+
+/// How the rotary axes of a machine turn tool and work; none where its file does not say.
+fn tool_centre_of(machine: &Machine) -> Option<ToolCentre> {
+    let index = |letter: &str| {
+        let mut axes = machine.program_axes().iter();
+        axes.position(|axis| axis.name == letter)
+    };
+    let slides = [index("X")?, index("Y")?, index("Z")?];
+    let lines = |carried: Carried| -> Option<Vec<RotaryLine>> {
+        let lines = machine.rotary_lines.iter();
+        let lines = lines.filter(|line| line.carries == carried).map(|line| {
+            let point_mm = line.point_mm.as_slice().try_into().ok()?;
+            let direction = line.direction.as_slice().try_into().ok()?;
+            RotaryLine::new(index(&line.axis)?, point_mm, direction)
+        });
+        lines.collect()
+    };
+    let (work, tool) = (lines(Carried::Work)?, lines(Carried::Tool)?);
+    let turns = !(work.is_empty() && tool.is_empty());
+    turns.then(|| ToolCentre::new(slides, work, tool))
 }
 
 /// Where the tool is, in the coordinates of programs, with the command positions at these increments.

@@ -14,7 +14,7 @@ use crate::tools::{TOOL, is_tool};
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(usize)]
 pub enum Group {
-    /// G4, G10, G28, G30, G52, G92: done once.
+    /// G4, G10, G28, G30, G52, G53.1, G68.2, G69, G92: done once.
     Once,
     /// G53, which goes with G0 or G1.
     MachineCoordinates,
@@ -298,7 +298,7 @@ fn code_number(value: f64) -> Option<u32> {
 /// Modal group of a supported code, given ten times its number.
 pub fn group_of(letter: char, number: u32) -> Option<Group> {
     Some(match (letter, number) {
-        ('G', 40 | 100 | 280 | 281 | 300 | 301 | 520 | 920..=923) => Group::Once,
+        ('G', 40 | 100 | 280 | 281 | 300 | 301 | 520 | 531 | 682 | 690 | 920..=923) => Group::Once,
         ('G', 530) => Group::MachineCoordinates,
         ('G', 0 | 10 | 20 | 30 | 50..=53 | 330 | 331 | 382..=385 | 730 | 740 | 760) => {
             Group::Motion
@@ -311,7 +311,7 @@ pub fn group_of(letter: char, number: u32) -> Option<Group> {
         ('G', 930 | 940 | 950) => Group::FeedMode,
         ('G', 200 | 210) => Group::Units,
         ('G', 400 | 410 | 411 | 420 | 421) => Group::CutterCompensation,
-        ('G', 430 | 431 | 432 | 490) => Group::ToolLength,
+        ('G', 430 | 431 | 432 | 434 | 490) => Group::ToolLength,
         ('G', 540 | 550 | 560 | 570 | 580 | 590..=593) => Group::WorkOffset,
         ('G', 610 | 611 | 640) => Group::PathControl,
         ('G', 980 | 990) => Group::CycleReturn,
@@ -364,7 +364,7 @@ fn why_not(letter: char, number: u32) -> Option<&'static str> {
         ('G', 171 | 181 | 191) => "the planes UV, WU and VW are not supported: use G17, G18 or G19",
         ('G', 150 | 160) => "polar coordinates are written with @ and ^, as in LinuxCNC",
         ('G', 500 | 510) => "scaling is not supported: write the scaled values, or use parameters",
-        ('G', 680 | 690) => "rotation is set with G10 L2 P1 R30, as in LinuxCNC",
+        ('G', 680) => "rotation is set with G10 L2 P1 R30, as in LinuxCNC",
         _ => return None,
     })
 }

@@ -21,3 +21,4 @@ mod shipped_programs;
 mod snapshots;
 mod straight;
 mod system_parameters;
+mod tool_centre;

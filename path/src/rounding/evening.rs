@@ -10,7 +10,7 @@ use nalgebra::SVector;
 
 use crate::geometry::{AxisVector, first_axes};
 
-use super::{Junction, RoundingSettings, of_all, size};
+use super::{Junction, RoundingSettings, of_all};
 
 /// Of its tolerance, how far a point moves at most.
 const SHARE: f64 = 0.3;
@@ -31,7 +31,7 @@ pub(super) fn move_point<const AXES: usize>(
     let here = junctions.get(index).filter(|of| of.is_between_chords);
     let moved = here.and_then(|here| moved::<AXES>(junctions, (index, here), settings));
     match (here, moved) {
-        (Some(here), Some(moved)) => (moved, size(&moved, here.tolerance_mm, settings)),
+        (Some(here), Some(moved)) => (moved, here.size(&moved, settings)),
         _ => (AxisVector::zeros(), 0.0),
     }
 }
@@ -72,7 +72,7 @@ fn moved<const AXES: usize>(
     let (away, span_mm) = fitted.filter(|(away, _)| *away >= FITTED_MIN)?;
     let near = junctions.get(index - away..=index + away)?;
     let moved = of_all(&parabola::<AXES>(near, here, span_mm)?);
-    let size = size(&moved, here.tolerance_mm, settings);
+    let size = here.size(&moved, settings);
     Some(moved * (SHARE / size).min(1.0))
 }
 

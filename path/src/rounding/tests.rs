@@ -19,7 +19,7 @@ fn at(x: f64, y: f64) -> AxisVector {
 fn within(corner_mm: f64) -> PathTolerance {
     PathTolerance {
         corner_mm,
-        chord_mm: 0.0,
+        ..PathTolerance::EXACT
     }
 }
 

@@ -134,6 +134,10 @@ impl Interpreter {
             40 => return Ok(()),
             280 => self.go_home(cause, base::HOME_28)?,
             300 => self.go_home(cause, base::HOME_30)?,
+            531 => {
+                let turned = self.state.along_plane(cause)?;
+                self.route.go_rapid(&mut self.state, cause, turned)?;
+            }
             _ => self.state.set_once(number, cause)?,
         }
         words.remove(AXIS_LETTERS);

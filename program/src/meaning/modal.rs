@@ -1,6 +1,11 @@
 //! What an operator reads of the state of a program: codes in force, offsets, F, S, T.
 
+use std::sync::Arc;
+
+use path::tool_centre::ToolCentre;
+
 use super::{AxisVector, Offsets, State, base};
+use crate::tilted_plane::TiltedPlane;
 
 /// The state of a program at a block, as an operator reads it.
 #[derive(Debug, Clone, PartialEq)]
@@ -16,18 +21,33 @@ pub struct Modal {
     /// The tool in the spindle; 0 for none.
     pub tool: u32,
     offsets: Offsets,
+    /// How rotary axes turn tool and work, while the tool's centre point is controlled.
+    tool_centre: Option<Arc<ToolCentre>>,
+    /// The plane of G68.2, if that counts.
+    plane: Option<TiltedPlane>,
 }
 
 impl Modal {
     /// A place of the machine in the coordinates of the program, with this offset of the tool applied, in mm and degrees.
     pub fn in_program(&self, place: &AxisVector, tool_offset: &AxisVector) -> AxisVector {
-        self.offsets
-            .in_program(&(place - tool_offset + self.offsets.tool()))
+        let place = place - tool_offset + self.offsets.tool();
+        let tip = self.tool_centre.as_ref();
+        let tip = tip.map(|of| of.programmed(&place, self.offsets.tool()));
+        let place = tip.unwrap_or(place);
+        let in_plane = self.plane.as_ref();
+        let in_plane = in_plane.map(|of| of.in_plane(&place, self.offsets.zero()));
+        self.offsets.in_program(&in_plane.unwrap_or(place))
     }
 
     /// The other way round.
     pub fn in_machine(&self, place: &AxisVector, tool_offset: &AxisVector) -> AxisVector {
-        self.offsets.in_machine(place) - self.offsets.tool() + tool_offset
+        let place = self.offsets.in_machine(place);
+        let on_work = self.plane.as_ref();
+        let on_work = on_work.map(|of| of.on_work(&place, self.offsets.zero()));
+        let place = on_work.unwrap_or(place);
+        let axes = self.tool_centre.as_ref();
+        let axes = axes.map(|of| of.axes(&place, self.offsets.tool()));
+        axes.unwrap_or(place) - self.offsets.tool() + tool_offset
     }
 
     /// What the length of the tool takes off, in mm and degrees.
@@ -53,7 +73,10 @@ impl State {
             shown('G', f64::from(modes.plane.0) * 10.0),
             either(modes.inches, "G20", "G21"),
             shown('G', f64::from(compensation_code)),
-            either(self.applies_offset(), "G43", "G49"),
+            match self.tool_centre() {
+                Some(_) => "G43.4".to_owned(),
+                None => either(self.applies_offset(), "G43", "G49"),
+            },
             offset.copied().unwrap_or("G54").to_owned(),
             shown('G', f64::from(modes.path_control)),
             either(modes.incremental, "G91", "G90"),
@@ -63,6 +86,9 @@ impl State {
         ];
         if modes.diameters {
             codes.push("G7".to_owned());
+        }
+        if self.plane.is_some() {
+            codes.push("G68.2".to_owned());
         }
         if self.parameters.get(base::G92_APPLIES) != 0.0 {
             codes.push("G92".to_owned());
@@ -94,6 +120,8 @@ impl State {
             speed: modes.spindle.speed,
             tool: self.tools.in_spindle,
             offsets: self.offsets,
+            tool_centre: self.tool_centre().cloned(),
+            plane: self.plane.filter(|_| self.controls_tool_centre()),
         }
     }
 }

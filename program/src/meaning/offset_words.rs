@@ -77,6 +77,8 @@ impl State {
             100 => self.set_data(cause)?,
             281 => self.set_vector(base::HOME_28, self.position),
             301 => self.set_vector(base::HOME_30, self.position),
+            682 => self.tilt_plane(cause)?,
+            690 => self.change_plane(None),
             520 => self.shift(cause.words, |value, _| value),
             920 => self.shift(cause.words, |value, here| here - value),
             921 => {

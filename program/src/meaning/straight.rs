@@ -20,6 +20,8 @@ impl State {
     pub fn straight(&self, block: &Straight) -> Option<StraightLeg> {
         let axes = &self.equipment.straight_axes;
         let plain = self.stands.is_none()
+            && self.axes.is_none()
+            && self.plane.is_none()
             && !self.offsets.is_turned()
             && self.in_force.feed_mode == FeedMode::PerMinute;
         let moved = block.present & !FEED;

@@ -38,6 +38,7 @@ impl State {
 
     /// Applies another offset of the tool, that of tool `of`, or none's.
     pub(super) fn apply_offset(&mut self, offset: AxisVector, of: u32, acts: &mut Acts) {
+        self.end_tool_centre();
         self.tools.apply_offset_of(of, acts);
         let before = *self.offsets.tool();
         for (axis, (value, before)) in (0..).zip(offset.iter().copied().zip(&before)) {
@@ -73,7 +74,7 @@ impl State {
         }
     }
 
-    /// G43, G43.1, G43.2, G49.
+    /// G43, G43.1, G43.2, G43.4, G49.
     pub fn tool_length(&mut self, words: &mut Words, acts: &mut Acts) -> Result<(), Refusal> {
         let Some((number, word)) = words.code(Group::ToolLength) else {
             return Ok(());
@@ -81,12 +82,22 @@ impl State {
         let before = *self.offsets.tool();
         let (offset, of) = match number {
             490 => (AxisVector::zeros(), 0),
+            // In a tilted plane the length of the tool lies along the tool.
+            430 if self.plane.is_none() => self.tool_of_h(words, word.offset, acts)?,
+            430 | 434 => {
+                let (offset, of) = self.tool_of_h(words, word.offset, acts)?;
+                self.apply_offset(offset, of, acts);
+                return self.begin_tool_centre(word);
+            }
+            431 | 432 if self.plane.is_some() => {
+                let right = "in a tilted plane G43 takes the length of a tool; G69 ends it";
+                return word.refuse(right);
+            }
             431 => {
                 let offset = self.with_words(words, before);
                 words.remove(AXIS_LETTERS);
                 (offset, 0)
             }
-            430 => self.tool_of_h(words, word.offset, acts)?,
             _ => {
                 let (more, _) = self.tool_of_h(words, word.offset, acts)?;
                 (before + more, self.tools.offset_of)

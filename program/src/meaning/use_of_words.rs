@@ -14,7 +14,8 @@ fn letters_of(letter: char, number: u32) -> u32 {
         ('G', 40) => mask_of("P"),
         ('G', 100) => mask_of("PLRIJQXYZABCUVW"),
         ('G', 280 | 300 | 431 | 520 | 920) => AXES,
-        ('G', 430 | 432) => mask_of("H"),
+        ('G', 430 | 432 | 434) => mask_of("H"),
+        ('G', 682) => mask_of("XYZIJK"),
         ('G', 640) => mask_of("PQ"),
         ('G', 700) => mask_of("QXZDEP"),
         ('G', 710..=712 | 720..=722) => mask_of("QXZDIRUW"),
@@ -43,7 +44,7 @@ pub fn goes_home_first(words: &Words) -> bool {
 /// What a letter is for.
 fn belongs_to(letter: char) -> &'static str {
     match letter {
-        'I' | 'J' | 'K' => "I J K belong to G2, G3, G5, G33, G76 and G87",
+        'I' | 'J' | 'K' => "I J K belong to G2, G3, G5, G33, G68.2, G76 and G87",
         'R' => {
             "R belongs to G2 and G3 (radius), G76, and to G73, G74 and G81 to G89 with X, Y or Z (level)"
         }
@@ -56,7 +57,7 @@ fn belongs_to(letter: char) -> &'static str {
         'Q' => {
             "Q belongs to G64 (tolerance), G83 (peck), G73, G5, G70 to G72, G76, M61, M67, M68 and M100 to M199"
         }
-        'H' => "H belongs to G43 (tool length)",
+        'H' => "H belongs to G43 and G43.4 (tool length)",
         '@' | '^' => "@ and ^ belong to motions",
         'D' => "D belongs to G41, G42, G70 to G72 and G96",
         'E' => "E belongs to G70, M67 and M68",
@@ -66,7 +67,7 @@ fn belongs_to(letter: char) -> &'static str {
 
 impl State {
     /// The motion mode that is in force in this block.
-    fn motion_of(&self, words: &Words) -> Motion {
+    pub(super) fn motion_of(&self, words: &Words) -> Motion {
         let code = words.code(Group::Motion);
         code.map_or(self.in_force.motion(), |(number, _)| {
             Motion::of_code(number)

@@ -152,7 +152,7 @@ impl Route {
         match happening {
             Happening::Event(line, kind) => self.output.happen(line, kind),
             Happening::Dwell(line, seconds) => {
-                let dwell = Element::dwell(line, state.tool_place(), seconds);
+                let dwell = Element::dwell(line, state.axes_place(), seconds);
                 self.output.add(dwell);
             }
         }

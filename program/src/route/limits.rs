@@ -23,15 +23,19 @@ impl Bounds {
 
     /// The bounds of shapes. Those of an arc cost more than all the rest here: they are made once for all axes.
     pub fn of(shapes: &[Shape]) -> Vec<Self> {
-        let bounds = |shape: &Shape| match shape {
+        shapes.iter().map(Self::of_shape).collect()
+    }
+
+    /// The bounds of one.
+    pub fn of_shape(shape: &Shape) -> Self {
+        match shape {
             Shape::Line { from, to } => Self::of_line(*from, *to),
             other => {
                 let (low, high) = other.bounds();
                 let from = shape.start();
                 Self { from, low, high }
             }
-        };
-        shapes.iter().map(bounds).collect()
+        }
     }
 }
 
@@ -76,7 +80,7 @@ impl Limits {
             let unit = if axis.rotary { "degrees" } else { "mm" };
             let zero = state.offsets().zero().get(index).copied().unwrap_or(0.0);
             let mut found = format!("axis {} would reach {value:.4} {unit}", axis.letter);
-            if zero != 0.0 {
+            if zero != 0.0 && !state.controls_tool_centre() {
                 let place = value - zero;
                 found += &format!(" in machine coordinates ({place:.4} in the program's)");
             }

@@ -1,0 +1,131 @@
+//! A tilted work plane (G68.2): X, Y and Z of the program lie askew on the work, and the tool stands along Z (G53.1).
+
+use path::geometry::{AxisVector, Shape};
+use serde::{Deserialize, Serialize};
+
+/// Rows of a rotation.
+type Rotation = [[f64; 3]; 3];
+
+/// A plane on the work.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct TiltedPlane {
+    /// X, Y and Z among the axes.
+    slides: [usize; 3],
+    /// Its zero, from that of the program, in mm.
+    origin_mm: [f64; 3],
+    /// From directions of the plane to those of the program.
+    rotation: Rotation,
+}
+
+/// About the axis Z (2) or X (0).
+fn about(axis: usize, angle_deg: f64) -> Rotation {
+    let angle_rad = angle_deg.to_radians();
+    let (sin, cos) = (libm::sin(angle_rad), libm::cos(angle_rad));
+    match axis {
+        0 => [[1.0, 0.0, 0.0], [0.0, cos, -sin], [0.0, sin, cos]],
+        _ => [[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]],
+    }
+}
+
+fn times(rotation: &Rotation, vector: [f64; 3]) -> [f64; 3] {
+    rotation.map(|row| row.iter().zip(vector).map(|(a, b)| a * b).sum())
+}
+
+fn transposed(rotation: &Rotation) -> Rotation {
+    let [[a, b, c], [d, e, f], [g, h, i]] = *rotation;
+    [[a, d, g], [b, e, h], [c, f, i]]
+}
+
+/// One rotation behind another.
+fn product(first: &Rotation, second: &Rotation) -> Rotation {
+    transposed(&transposed(second).map(|column| times(first, column)))
+}
+
+impl TiltedPlane {
+    /// With its zero at a place of the program, turned by I about Z, then by J about the new X, then by K about the new Z, in degrees
+    /// (Fanuc's Euler angles).
+    pub fn of_euler_angles(slides: [usize; 3], origin_mm: [f64; 3], angles_deg: [f64; 3]) -> Self {
+        let [i, j, k] = angles_deg;
+        Self {
+            slides,
+            origin_mm,
+            rotation: product(&product(&about(2, i), &about(0, j)), &about(2, k)),
+        }
+    }
+
+    /// Its Z, as a direction of the program.
+    pub fn normal(&self) -> [f64; 3] {
+        times(&self.rotation, [0.0, 0.0, 1.0])
+    }
+
+    fn slides_of(&self, place: &AxisVector) -> [f64; 3] {
+        self.slides
+            .map(|axis| place.get(axis).copied().unwrap_or(0.0))
+    }
+
+    fn with_slides(&self, mut place: AxisVector, slides: [f64; 3]) -> AxisVector {
+        for (axis, value) in self.slides.into_iter().zip(slides) {
+            if let Some(component) = place.get_mut(axis) {
+                *component = value;
+            }
+        }
+        place
+    }
+
+    /// A place of the plane, on the work; `zero` is that of the program.
+    pub fn on_work(&self, place: &AxisVector, zero: &AxisVector) -> AxisVector {
+        let turned = times(&self.rotation, self.slides_of(&(place - zero)));
+        let mut slides = self.slides_of(zero);
+        for ((value, origin), turned) in slides.iter_mut().zip(self.origin_mm).zip(turned) {
+            *value += origin + turned;
+        }
+        self.with_slides(*place, slides)
+    }
+
+    /// The other way round.
+    pub fn in_plane(&self, place: &AxisVector, zero: &AxisVector) -> AxisVector {
+        let mut way = self.slides_of(&(place - zero));
+        for (value, origin) in way.iter_mut().zip(self.origin_mm) {
+            *value -= origin;
+        }
+        let mut slides = self.slides_of(zero);
+        for (value, turned) in slides
+            .iter_mut()
+            .zip(times(&transposed(&self.rotation), way))
+        {
+            *value += turned;
+        }
+        self.with_slides(*place, slides)
+    }
+
+    /// A shape of the plane, on the work.
+    pub fn shape_on_work(&self, shape: &Shape, zero: &AxisVector) -> Shape {
+        let mut moved = shape.clone();
+        match &mut moved {
+            Shape::Line { from, to } => {
+                for place in [from, to] {
+                    *place = self.on_work(place, zero);
+                }
+            }
+            Shape::Dwell { at, .. } => *at = self.on_work(at, zero),
+            Shape::Arc {
+                from,
+                to,
+                centre,
+                u,
+                v,
+                axial,
+                ..
+            } => {
+                for place in [from, to, centre] {
+                    *place = self.on_work(place, zero);
+                }
+                for direction in [u, v, axial] {
+                    let turned = times(&self.rotation, self.slides_of(direction));
+                    *direction = self.with_slides(*direction, turned);
+                }
+            }
+        }
+        moved
+    }
+}
