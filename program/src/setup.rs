@@ -1,7 +1,7 @@
 //! What the machine file says of programs.
 
 use bus::sample::AnswerOutcome;
-use machine::{self, AxisKind, KinematicsKind, Machine};
+use machine::{self, AxisKind, DecimalPoint, KinematicsKind, Machine};
 use path::geometry::{AxisVector, PATH_AXES};
 use path::kinematics::Kinematics;
 use path::pivot::{self, OutOfReach, PivotY};
@@ -57,6 +57,8 @@ impl Setup {
             beginning: machine.beginning.clone(),
             tools: machine.tools.clone(),
             block_delete: machine.program.block_delete,
+            dialect: machine.program.dialect,
+            standard_decimal_point: machine.program.fanuc_decimal_point == DecimalPoint::Standard,
             tolerance_mm: machine.path.tolerance_mm,
             probe: machine.program.probe,
             spindle_max_rpm: machine

@@ -8,7 +8,7 @@ use xxhash_rust::xxh3::xxh3_64;
 use crate::error::{ProgramError, refuse_file};
 
 /// What every snapshot begins with; its last byte counts the versions of what is in it.
-const BEGINS: &[u8; 8] = b"QREAD\0\0\x05";
+const BEGINS: &[u8; 8] = b"QREAD\0\0\x06";
 /// Its beginning, the hash of the program, and the checksum at its end.
 const HASH_BYTES: usize = 8;
 

@@ -54,7 +54,10 @@ impl State {
             either(modes.inches, "G20", "G21"),
             shown('G', f64::from(compensation_code)),
             either(self.applies_offset(), "G43", "G49"),
-            offset.copied().unwrap_or("G54").to_owned(),
+            match self.more_work {
+                Some(number) => format!("G54.1 P{number}"),
+                None => offset.copied().unwrap_or("G54").to_owned(),
+            },
             shown('G', f64::from(modes.path_control)),
             either(modes.incremental, "G91", "G90"),
             modes.feed_mode.to_string(),
@@ -63,6 +66,9 @@ impl State {
         ];
         if modes.diameters {
             codes.push("G7".to_owned());
+        }
+        if self.offsets.is_turned_about() {
+            codes.push("G68".to_owned());
         }
         if self.parameters.get(base::G92_APPLIES) != 0.0 {
             codes.push("G92".to_owned());
