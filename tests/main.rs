@@ -15,6 +15,7 @@ mod digests;
 mod docs;
 mod doctor;
 mod drive_files;
+mod fanuc;
 mod faults;
 mod five_axes;
 mod foreign_drives;

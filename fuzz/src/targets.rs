@@ -55,9 +55,13 @@ fn split(data: &[u8]) -> (&'static Machine, String) {
     (&MACHINES[usize::from(*which) % MACHINES.len()], text(rest))
 }
 
-/// A part program: read, interpreted, and planned along for a while.
+/// A part program in LinuxCNC's or Fanuc's language: read, interpreted, and planned along for a while.
 pub fn program(data: &[u8]) {
-    let (machine, text) = split(data);
+    let (machine, mut text) = split(data);
+    // The first byte picks the language too.
+    if data.first().is_some_and(|byte| *byte >= 0x80) {
+        text.insert_str(0, "\u{1d}fanuc\u{1d}");
+    }
     let Ok(program) = program::resume_from(machine, &[0; PATH_AXES], "fuzz", &text) else {
         return;
     };

@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, anyhow, bail};
 use bus::sample::PATH_AXES;
-use machine::{Axis, Machine, MachineState, SignalSource, machine_file};
+use machine::{Axis, Dialect, Machine, MachineState, SignalSource, machine_file};
 use path::limits::LimitsError;
 use path::window::WindowPlanner;
 use planner::{ProgramText, Survey};
@@ -60,7 +60,23 @@ impl Depth {
 /// # Errors
 /// Whatever is wrong with them, for people.
 pub fn load(machine: &Path, program: Option<&Path>, depth: Depth) -> anyhow::Result<Checked> {
-    let checked = load_changed(machine, program, depth, |_| Ok(()))?;
+    load_in(machine, program, depth, None)
+}
+
+/// The same of a program in a language that the machine file does not say.
+///
+/// # Errors
+/// As [`load`].
+pub fn load_in(
+    machine: &Path,
+    program: Option<&Path>,
+    depth: Depth,
+    dialect: Option<Dialect>,
+) -> anyhow::Result<Checked> {
+    let checked = load_changed(machine, program, depth, |machine| {
+        machine.program.dialect = dialect.unwrap_or(machine.program.dialect);
+        Ok(())
+    })?;
     checked.starts_within(&machine_file(machine))?;
     Ok(checked)
 }

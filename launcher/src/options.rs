@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use bus::member::Pace;
 use clap::Args;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
-use machine::{LogLevel, Machine};
+use machine::{Dialect, LogLevel, Machine};
 
 /// What every start of a cell takes.
 #[derive(Debug, Clone, Args)]
@@ -49,6 +49,18 @@ impl StartOptions {
     }
 }
 
+/// In which language a program is written.
+#[derive(Debug, Clone, Copy, Default, Args)]
+pub struct DialectOption {
+    /// Language of the program: LinuxCNC's, or Fanuc's and Haas' [default: what the machine file says]
+    #[arg(long, value_name = "DIALECT", value_parser = dialects())]
+    pub dialect: Option<Dialect>,
+}
+
+fn dialects() -> impl TypedValueParser<Value = Dialect> {
+    PossibleValuesParser::new(Dialect::ALL.map(|(_, name)| name)).try_map(|name| name.parse())
+}
+
 /// What `quadrant run` takes of a cell.
 #[derive(Debug, Clone, Args)]
 #[command(
@@ -63,6 +75,9 @@ pub struct RunOptions {
     pub start: StartOptions,
     /// Part program (RS274/NGC, "G-code")
     pub program: PathBuf,
+    /// Its language.
+    #[command(flatten)]
+    pub of_program: DialectOption,
     /// If the run goes well: learn from it what the model lacks at reversals, into learned.toml beside the machine file
     #[arg(long, conflicts_with_all = ["no_learned", "log"], group = "learns")]
     pub learn: bool,

@@ -152,7 +152,13 @@ fn check_all(
 ) -> Result<(Checked, Option<Faults>), Failure> {
     program_name(&options.program).input()?;
     let program = Some(options.program.as_path());
-    let checked = check::load(&options.start.machine, program, Depth::Beginning).input()?;
+    let checked = check::load_in(
+        &options.start.machine,
+        program,
+        Depth::Beginning,
+        options.of_program.dialect,
+    )
+    .input()?;
     for remark in checked.remarks() {
         tracing::warn!("{}: {remark}", options.start.machine.display());
     }
@@ -201,6 +207,7 @@ fn make_run_dir(
         machine: machine_path,
         plant: &machine_path.with_file_name("plant.toml"),
         program: Some(&options.program),
+        dialect: options.of_program.dialect,
         learned: trained.as_deref(),
         learned_path: along_path.as_deref(),
         orders: options.orders.as_deref(),

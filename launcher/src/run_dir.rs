@@ -9,7 +9,7 @@ use anyhow::{Context, bail};
 use chrono::{DateTime, Utc};
 use machine::learned::LEARNED_FILE;
 use machine::learned_path::LEARNED_PATH_FILE;
-use machine::{KeptFiles, Machine};
+use machine::{Dialect, KeptFiles, Machine};
 
 use crate::retention::{EVENTS_FILE, RUNS};
 
@@ -43,6 +43,8 @@ pub struct Sources<'a> {
     pub plant: &'a Path,
     /// Part program.
     pub program: Option<&'a Path>,
+    /// Its language, if that is not what the machine file says.
+    pub dialect: Option<Dialect>,
     /// Text of what runs before have learned, if it is to be used and there is any.
     pub learned: Option<&'a str>,
     /// What runs before have learned along the program's path, if it is to be used and there is any.
@@ -168,12 +170,11 @@ impl RunDir {
         let simulated = machine.bus.is_none();
         let beside = sources.machine.parent().unwrap_or(Path::new(""));
         machine.copy_drive_files(beside, folder)?;
-        let subroutines = machine.subroutine_folders;
         let program = sources
             .program
             .map(|program| {
                 let to = folder.join(program_name(program)?);
-                copy_program(program, &subroutines, &to)?;
+                copy_program(program, &machine, sources.dialect, &to)?;
                 Ok::<_, anyhow::Error>(to)
             })
             .transpose()?;
@@ -194,15 +195,24 @@ impl RunDir {
     }
 }
 
-/// Copies a program with the subroutines of other files that it calls, and notes the hash of a large one: nobody has to read all of it to
+/// Copies a program with the subroutines of other files that it calls; the copy says in which language it is written, where that is not
+/// LinuxCNC's or the machine's another one. Notes the hash of a large one: nobody has to read all of it to
 /// know it.
 ///
 /// # Errors
 /// It cannot be read or written.
-pub fn copy_program(program: &Path, subroutines: &[PathBuf], to: &Path) -> anyhow::Result<()> {
+pub fn copy_program(
+    program: &Path,
+    machine: &Machine,
+    dialect: Option<Dialect>,
+    to: &Path,
+) -> anyhow::Result<()> {
     let named = || format!("{}: cannot be written", to.display());
     let mut copy = BufWriter::new(File::create(to).with_context(named)?);
-    program::bundle_to(program, subroutines, &mut copy)?;
+    let by_machine = machine.program.dialect;
+    let dialect = dialect.unwrap_or(by_machine);
+    let folders = &machine.subroutine_folders;
+    program::bundle_to(program, folders, dialect, by_machine, &mut copy)?;
     let copy = copy.into_inner().with_context(named)?;
     if copy.metadata().with_context(named)?.len() > HASHED_BYTES {
         program::write_text_hash(to)?;

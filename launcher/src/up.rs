@@ -100,6 +100,7 @@ fn make_folder(
         machine: machine_path,
         plant: &machine_path.with_file_name("plant.toml"),
         program: None,
+        dialect: None,
         learned: trained.as_deref(),
         learned_path: None,
         orders: None,

@@ -15,6 +15,7 @@ mod axis;
 mod axis_kind;
 mod beginning;
 mod begins_with;
+mod dialect;
 mod fieldbus;
 mod gantry;
 mod gantry_pair;
@@ -58,6 +59,7 @@ pub use axis::{
 };
 pub use axis_kind::AxisKind;
 pub use beginning::{Beginning, MODES_OF_END, SPINDLE_FILE};
+pub use dialect::{DecimalPoint, Dialect};
 pub use fieldbus::{
     AXES_OF_DRIVE_MAX, AxisDrive, Fieldbus, ProbeEdge, SpindleDrive, Sync, Terminal,
 };

@@ -12,6 +12,7 @@ use crate::alarms::Alarm;
 use crate::auxiliary::{Spindle, ToolChange};
 use crate::axis::Axis;
 use crate::beginning::Beginning;
+use crate::dialect::{DecimalPoint, Dialect};
 use crate::fieldbus::{AxisDrive, Fieldbus};
 use crate::interpolation::Interpolation;
 use crate::kept_files::KeptFiles;
@@ -194,6 +195,13 @@ pub struct ProgramSettings {
     /// Whether optional stops (M1) are switched on when the cell starts; the order `optional-stop` changes it.
     #[schemars(extend("default" = false))]
     pub optional_stop: bool,
+    /// Language of programs and typed-in blocks: LinuxCNC's, or [Fanuc's and Haas'](fanuc.md). The option `--dialect` goes before it for
+    /// one program.
+    #[schemars(extend("default" = "linuxcnc"))]
+    pub dialect: Dialect,
+    /// What a word without a decimal point counts in programs of the dialect `fanuc`.
+    #[schemars(extend("default" = "calculator"))]
+    pub fanuc_decimal_point: DecimalPoint,
 }
 
 /// Fewer scans without an answer are no hang of the owner of the bus: a frame or two are late now and then.

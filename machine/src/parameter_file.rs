@@ -9,6 +9,9 @@ use crate::settings_file::SettingsFileError;
 /// The highest number of a parameter.
 const NUMBER_MAX: u32 = 5602;
 
+/// The offsets of G54.1, which programs in Fanuc's language have.
+const MORE_WORK: std::ops::RangeInclusive<u32> = 14_001..=20_000;
+
 /// The values of numbered parameters, by their numbers.
 pub type KeptParameters = BTreeMap<u32, f64>;
 
@@ -60,7 +63,8 @@ fn parameter_of(words: &str) -> Result<Option<(u32, f64)>, String> {
         return Err(format!("{words:?}: {right}"));
     };
     let number = number.parse().ok();
-    let number = number.filter(|number| (1..=NUMBER_MAX).contains(number));
+    let number =
+        number.filter(|number| (1..=NUMBER_MAX).contains(number) || MORE_WORK.contains(number));
     let number = number.ok_or_else(|| format!("{words:?}: {right}, from 1 to {NUMBER_MAX}"))?;
     let value: f64 = value.parse().map_err(|_| format!("{words:?}: {right}"))?;
     if !value.is_finite() {

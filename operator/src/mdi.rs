@@ -93,12 +93,12 @@ impl Block {
             return Err(client.fails(&format!("{command} refused: {}", why.words())));
         }
         let written = Written::of(&client.cell.place.folder(), text)?;
-        let checked = check(client, &written.file, &now)
+        let checked = check(client, &written.file, None, &now)
             .map_err(|error| Failure::Input(anyhow!(written.of_blocks(command, &words(&error)))))?;
         for note in &checked.notes {
             says(&written.of_blocks(command, note));
         }
-        let mut laid = Laid::down(client, now.load, NAME, &written.file)?;
+        let mut laid = Laid::down(client, now.load, NAME, &written.file, None)?;
         let mut before = match ProgramState::from_wire(now.program) {
             Some(ProgramState::Loaded | ProgramState::Done) => {
                 Laid::again(client, laid.number, now.load)?

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
-use launcher::options::number;
+use launcher::options::{DialectOption, number};
 
 /// What `quadrant load` takes.
 #[derive(Debug, Clone, Args)]
@@ -13,6 +13,9 @@ use launcher::options::number;
 pub struct LoadOptions {
     /// Part program (RS274/NGC, \"G-code\")
     pub program: PathBuf,
+    /// Its language.
+    #[command(flatten)]
+    pub of_program: DialectOption,
     /// Which cell.
     #[command(flatten)]
     pub to: OperatorOptions,

@@ -14,6 +14,7 @@ use bus::process::watch;
 use bus::sample::{
     Cause, Feedback, Mode, OperatorRequest, OperatorResponse, Order, ProgramState, RunOutcome,
 };
+use machine::Dialect;
 use monitor::ended::Ended;
 use monitor::log::part_files;
 use planner::ProgramText;
@@ -49,13 +50,14 @@ pub(super) const LOOK: Duration = Duration::from_millis(5);
 /// `load`.
 pub fn load(options: &LoadOptions) -> Outcome {
     let file = &options.program;
+    let dialect = options.of_program.dialect;
     let name = program_name(file).input()?.to_string();
     let client = Client::to_order(options.to.cell.as_deref())?;
     fits(file).input()?;
     let mut eyes = Eyes::open(&client)?;
     let now = eyes.look()?;
     let started = Instant::now();
-    let Checked { notes, read, .. } = check(&client, file, &now).input()?;
+    let Checked { notes, read, .. } = check(&client, file, dialect, &now).input()?;
     for note in &notes {
         say(note);
     }
@@ -67,7 +69,7 @@ pub fn load(options: &LoadOptions) -> Outcome {
             CHECK_LIMIT.as_secs()
         )));
     }
-    let mut laid = Laid::down(&client, now.load, &name, file)?;
+    let mut laid = Laid::down(&client, now.load, &name, file, dialect)?;
     laid.load(&client)?;
     until_read(&mut eyes, laid.number, &name)?;
     let given_up = if now.program == ProgramState::Running as u32 {
@@ -139,8 +141,15 @@ pub(super) struct Checked {
 }
 
 /// Checks the program against the machine, from where its axes are.
-pub(super) fn check(client: &Client, file: &Path, now: &Feedback) -> anyhow::Result<Checked> {
-    let machine = &client.machine_of_next_program(&now.auxiliary)?;
+pub(super) fn check(
+    client: &Client,
+    file: &Path,
+    dialect: Option<Dialect>,
+    now: &Feedback,
+) -> anyhow::Result<Checked> {
+    let mut machine = client.machine_of_next_program(&now.auxiliary)?;
+    machine.program.dialect = dialect.unwrap_or(machine.program.dialect);
+    let machine = &machine;
     let start = now.path_positions();
     let name = file.display().to_string();
     let short = program::load_if_short(machine, &start, file, program::SHORT_ELEMENTS, &[])?;
@@ -182,10 +191,16 @@ pub(super) struct Laid {
 
 impl Laid {
     /// Puts the program there under a number that nobody has, above that of the one that is loaded.
-    pub fn down(client: &Client, loaded: u32, name: &str, program: &Path) -> Result<Laid, Failure> {
+    pub fn down(
+        client: &Client,
+        loaded: u32,
+        name: &str,
+        program: &Path,
+        dialect: Option<Dialect>,
+    ) -> Result<Laid, Failure> {
         let laid = Laid::empty(client, loaded)?;
         let to = laid.folder.join(name);
-        copy_program(program, &client.machine.subroutine_folders, &to).environment()?;
+        copy_program(program, &client.machine, dialect, &to).environment()?;
         Ok(laid)
     }
 

@@ -6,7 +6,7 @@ use audit::Totals;
 use console::exit::{Kind, Outcome};
 use console::logs;
 use console::output::say;
-use launcher::check::{Checked, Depth, load};
+use launcher::check::{Checked, Depth, load_in};
 use program::Program;
 
 /// `check` plans so many setpoints one by one, in some tenths of a second; the time of what comes behind them follows from the speed map.
@@ -17,7 +17,13 @@ pub fn check(options: &CheckOptions) -> Outcome {
     logs::init_launcher();
     // A long program is read to its end as it is planned.
     let program = options.program.as_deref();
-    let mut checked = load(&options.machine, program, Depth::Beginning).input()?;
+    let mut checked = load_in(
+        &options.machine,
+        program,
+        Depth::Beginning,
+        options.of_program.dialect,
+    )
+    .input()?;
     let mut of_long = None;
     if let (Some(_), Some(file)) = (&checked.long, program) {
         let (totals, survey) = walk_long(&checked, file, |_, _| Ok(())).input()?;

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
+use launcher::options::DialectOption;
 
 /// What `quadrant check` takes.
 #[derive(Debug, Clone, Args)]
@@ -11,6 +12,9 @@ pub struct CheckOptions {
     pub machine: PathBuf,
     /// Part program to check against the machine
     pub program: Option<PathBuf>,
+    /// Its language.
+    #[command(flatten)]
+    pub of_program: DialectOption,
 }
 
 /// What `quadrant plan` takes.
@@ -23,6 +27,9 @@ pub struct PlanOptions {
     pub machine: PathBuf,
     /// Part program
     pub program: PathBuf,
+    /// Its language.
+    #[command(flatten)]
+    pub of_program: DialectOption,
     /// Write the setpoints of every scan as CSV
     #[arg(long, value_name = "FILE")]
     pub csv: Option<PathBuf>,

@@ -32,8 +32,9 @@ mod what_if;
 pub fn plan(options: &PlanOptions) -> Outcome {
     logs::init_launcher();
     let what_if = WhatIf::of(&options.what_if).input()?;
-    let checked =
-        check::load(&options.machine, Some(&options.program), Depth::Beginning).input()?;
+    let dialect = options.of_program.dialect;
+    let program = Some(options.program.as_path());
+    let checked = check::load_in(&options.machine, program, Depth::Beginning, dialect).input()?;
     if checked.long.is_some() && (options.blocks.is_some() || options.svg.is_some()) {
         let what = format!(
             "{}: has more than {SHORT_ELEMENTS} elements: --blocks and --svg are for shorter ones; --csv writes every scan of it",
@@ -50,7 +51,10 @@ pub fn plan(options: &PlanOptions) -> Outcome {
         &options.machine,
         Some(&options.program),
         Depth::Beginning,
-        |machine| what_if.apply(machine),
+        |machine| {
+            machine.program.dialect = dialect.unwrap_or(machine.program.dialect);
+            what_if.apply(machine)
+        },
     )
     .input()?;
     if let Some(program) = &mut changed.program {

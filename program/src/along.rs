@@ -73,7 +73,7 @@ impl Along {
         let setup = Arc::new(Setup::rehearsed(machine, answers));
         let is_small = std::fs::metadata(file).is_ok_and(|of| of.len() <= BUNDLED_BYTES);
         let reading = if is_small {
-            let text = read_program(file, &machine.subroutine_folders)?;
+            let text = read_program(file, &machine.subroutine_folders, machine.program.dialect)?;
             Reading::of_text(&file.display().to_string(), &text, &setup, start)?
         } else {
             Reading::open(file, &setup, start)?

@@ -4,12 +4,15 @@ use std::collections::{BTreeMap, HashMap, HashSet};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
+use machine::Dialect;
+
 use crate::error::{ProgramError, refuse_file};
+use crate::fanuc;
 use crate::file::{FILE_BYTES_MAX, open_text, read_text};
 use crate::flow::{Keyword, called_by_number, flow_at};
 use crate::refusal::Refusal;
 use crate::source::{FILE_MARK, LABELS_MAX};
-use crate::text::text_of;
+use crate::text::{dialect_mark, marked_dialect, text_of};
 
 /// The most files of one program.
 const FILES_MAX: usize = 1000;
@@ -21,10 +24,15 @@ const FILES_MAX: usize = 1000;
 ///
 /// # Errors
 /// A file that cannot be read, or all together larger than 64 MiB.
-pub fn read_program(file: &Path, folders: &[PathBuf]) -> Result<String, ProgramError> {
+pub fn read_program(
+    file: &Path,
+    folders: &[PathBuf],
+    dialect: Dialect,
+) -> Result<String, ProgramError> {
     let name = &file.display().to_string();
     let mut text = read_text(file)?;
-    let mut calls = Calls::default();
+    let (marked, _) = marked_dialect(text.as_bytes());
+    let mut calls = Calls::of(marked.unwrap_or(dialect));
     text.lines().for_each(|line| calls.read(line));
     let folders = Folders::of(file, folders);
     while let Some(path) = calls.next_file(name, &folders)? {
@@ -44,13 +52,16 @@ pub fn read_program(file: &Path, folders: &[PathBuf]) -> Result<String, ProgramE
     Ok(text)
 }
 
-/// Writes what `read_program` gives, of any length: a small part of it is in memory at a time.
+/// Writes what `read_program` gives, of any length: a small part of it is in memory at a time. The text says from then on that it is
+/// written in this dialect, unless it did so before, or both are LinuxCNC's, also that which `by_machine` would take it for.
 ///
 /// # Errors
 /// A file that cannot be read or is not text, or what is written to.
 pub fn bundle_to(
     file: &Path,
     folders: &[PathBuf],
+    dialect: Dialect,
+    by_machine: Dialect,
     to: &mut impl Write,
 ) -> Result<(), ProgramError> {
     let name = &file.display().to_string();
@@ -58,7 +69,13 @@ pub fn bundle_to(
         let found = format!("cannot be copied ({error})");
         ProgramError::of_file(name, found, "room for a copy")
     };
-    let mut calls = Calls::default();
+    let marked = open_text(file)?.dialect();
+    let dialect = marked.unwrap_or(dialect);
+    if marked.is_some() || [dialect, by_machine] != [Dialect::LinuxCnc; 2] {
+        let mark = dialect_mark(dialect);
+        to.write_all(mark.as_bytes()).map_err(unwritten)?;
+    }
+    let mut calls = Calls::of(dialect);
     let mut ended = copy(file, &mut calls, to)?.map_err(unwritten)?;
     let folders = Folders::of(file, folders);
     while let Some(path) = calls.next_file(name, &folders)? {
@@ -110,6 +127,7 @@ fn copy(
 /// The subroutines that texts define, and those that they call.
 #[derive(Default)]
 struct Calls {
+    dialect: Dialect,
     known: HashSet<String>,
     /// Those that are called, by when that was said last.
     called: BTreeMap<u64, String>,
@@ -119,19 +137,30 @@ struct Calls {
 }
 
 impl Calls {
+    fn of(dialect: Dialect) -> Self {
+        Self {
+            dialect,
+            ..Self::default()
+        }
+    }
+
     /// Collects what a line defines or calls, up to more than there may be.
     fn read(&mut self, line: &str) {
         if self.known.len() + self.said.len() > LABELS_MAX {
             return;
         }
-        match flow_at(line) {
+        let (led_to, called): (_, fn(&str) -> _) = match self.dialect {
+            Dialect::LinuxCnc => (flow_at(line), called_by_number),
+            Dialect::Fanuc => (fanuc::label_at(line), fanuc::called_by),
+        };
+        match led_to {
             Some((label, Keyword::Sub | Keyword::Number)) => {
                 self.known.insert(label);
             }
             Some((label, Keyword::Call)) => self.call(label),
             Some(_) => {}
             None => {
-                if let Some(label) = called_by_number(line) {
+                if let Some(label) = called(line) {
                     self.call(label);
                 }
             }
@@ -161,7 +190,7 @@ impl Calls {
             if !self.known.insert(label.clone()) {
                 continue;
             }
-            let Some(path) = folders.find(&label) else {
+            let Some(path) = folders.find(&label, self.dialect) else {
                 continue;
             };
             self.files += 1;
@@ -186,8 +215,12 @@ impl Folders {
     }
 
     /// The file of a subroutine. Names are compared in lower case, since labels are.
-    fn find(&self, label: &str) -> Option<PathBuf> {
+    fn find(&self, label: &str, dialect: Dialect) -> Option<PathBuf> {
         let wanted = format!("{label}.ngc");
+        let is_wanted = |name: &str| match dialect {
+            Dialect::LinuxCnc => name == wanted,
+            Dialect::Fanuc => fanuc::is_file_of(name, label),
+        };
         for folder in &self.0 {
             let folder = if folder.as_os_str().is_empty() {
                 Path::new(".")
@@ -205,7 +238,7 @@ impl Folders {
                 .filter_map(|entry| Some(entry.ok()?.path()))
                 .filter(|path| {
                     let name = path.file_name().unwrap_or_default().to_string_lossy();
-                    name.to_lowercase() == wanted && path.is_file()
+                    is_wanted(&name.to_lowercase()) && path.is_file()
                 })
                 .collect();
             same.sort();
@@ -246,11 +279,14 @@ mod tests {
         let text = read_program(
             &folder.path().join("main.ngc"),
             &[folder.path().join("subs")],
+            Dialect::LinuxCnc,
         )
         .unwrap();
         let mut streamed = vec![];
         let folders = [folder.path().join("subs")];
-        bundle_to(&folder.path().join("main.ngc"), &folders, &mut streamed).unwrap();
+        let plain = Dialect::LinuxCnc;
+        let main = folder.path().join("main.ngc");
+        bundle_to(&main, &folders, plain, plain, &mut streamed).unwrap();
         assert_eq!(String::from_utf8(streamed).unwrap(), text);
         let setup = Setup {
             axes: vec![AxisSetup {
@@ -276,6 +312,6 @@ mod tests {
         // What is bundled is whole: bundling it again adds nothing.
         let copy = folder.path().join("copy.ngc");
         std::fs::write(&copy, &text).unwrap();
-        assert_eq!(read_program(&copy, &[]).unwrap(), text);
+        assert_eq!(read_program(&copy, &[], plain).unwrap(), text);
     }
 }

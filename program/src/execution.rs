@@ -9,16 +9,17 @@ use crate::error::{PROBLEMS_MAX, Problem, ProgramError, Shown, refuse_file};
 use crate::flow::{FlowWord, Keyword};
 use crate::interpreter::Interpreter;
 use crate::meaning::is_turning;
-use crate::program::{BLOCKS_MAX, Block, Program, ProgramEnd, Setup, source_hash};
+use crate::program::{BLOCKS_MAX, Block, Program, ProgramEnd, Setup, in_dialect, source_hash};
 use crate::question::Answer;
 use crate::reader::{Line, read_line};
 use crate::refusal::{Done, Refusal, column};
 use crate::setup::check_setup;
-use crate::source::{Label, Source, Spot, may_jump};
+use crate::source::{Label, Source, Spot};
 use crate::straight::Straight;
 use crate::text::{Text, hash_of};
 use crate::words::{Group, Words};
 
+mod fanuc;
 mod profile;
 mod steps;
 
@@ -48,8 +49,11 @@ pub fn interpret(
     start: AxisVector,
 ) -> Result<Program, ProgramError> {
     check_setup(name, setup, &start)?;
-    let source = Source::of_whole(Text::of(text));
-    let mut execution = Execution::new(source.clone(), &Arc::new(setup.clone()), start);
+    let text = Text::of(text);
+    let setup = &in_dialect(&Arc::new(setup.clone()), text.dialect());
+    let hash = text.hash().unwrap_or(hash_of(&[]));
+    let source = Source::of_whole(text, setup.dialect);
+    let mut execution = Execution::new(source.clone(), setup, start);
     execution.executed = Some(Executed::default());
     while !execution.checks_line() {}
     execution.finish(name)?;
@@ -68,7 +72,7 @@ pub fn interpret(
     };
     Ok(Program {
         name: name.to_owned(),
-        source_hash: source_hash(hash_of(text.as_bytes()), setup, &start),
+        source_hash: source_hash(hash, setup, &start),
         start,
         blocks: blocks_of(source, &executed.unwrap_or_default().lines),
         end,
@@ -164,6 +168,8 @@ pub struct Execution {
     more: bool,
     /// How the program ended.
     pub end: ProgramEnd,
+    /// In Fanuc's language, the number of the program was met.
+    begun: bool,
     opened_by_percent: bool,
     #[serde(skip)]
     raw: String,
@@ -214,7 +220,7 @@ impl Execution {
     /// Does the next line; true if the program ends with it.
     pub fn does_line(&mut self) -> bool {
         let at = self.next;
-        if !self.needs_labels && self.does_straight(at) {
+        if !self.needs_labels && !self.interpreter.fanuc.reads_words && self.does_straight(at) {
             return self.interpreter.ended.is_some();
         }
         if self.looks_for_labels(at) {
@@ -252,6 +258,7 @@ impl Execution {
             return false;
         }
         if !self.needs_labels {
+            let may_jump = self.source.finds_jumps();
             let line = self.source.bytes(at);
             self.needs_labels = line.is_ok_and(|line| line.is_some_and(|(line, _)| may_jump(line)));
         }
@@ -332,7 +339,12 @@ impl Execution {
         let known = self.interpreter.state_known;
         self.interpreter.line = index as u32 + 1;
         (_, self.interpreter.line_of_file) = self.source.place(self.interpreter.line);
-        if let Err(unreadable) = read_line(raw, &self.interpreter, line) {
+        let is_fanuc = self.interpreter.is_fanuc();
+        let read = match is_fanuc {
+            true => crate::fanuc::read_line(raw, &self.interpreter, line),
+            false => read_line(raw, &self.interpreter, line),
+        };
+        if let Err(unreadable) = read {
             // Values that nobody knows make no mistakes.
             if known || !raw.contains(['#', '[']) {
                 self.refuse(self.here, unreadable);
@@ -354,8 +366,15 @@ impl Execution {
             return true;
         }
         self.note_reading(line);
-        for (target, value) in line.assignments.drain(..) {
-            self.interpreter.assign(target, value);
+        if is_fanuc {
+            if let Err(refusal) = self.assign_variables(line) {
+                self.refuse(self.here, refusal);
+                return false;
+            }
+        } else {
+            for (target, value) in line.assignments.drain(..) {
+                self.interpreter.assign(target, value);
+            }
         }
         if self.interpreter.names() > NAMES_MAX {
             let found = format!("more than {NAMES_MAX} names of parameters");
@@ -371,6 +390,7 @@ impl Execution {
             _ if self.interpreter.ended.is_some() => Ok(()),
             Some(flow) if known => self.flow(index, flow, not_yet).map_err(Vec::from),
             Some(_) => Ok(()),
+            None if is_fanuc => self.fanuc_block(index, line),
             None if line.words.is_empty() => Ok(()),
             None => self.block(index, line),
         };

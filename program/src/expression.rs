@@ -5,9 +5,15 @@
 
 use std::f64::consts::PI;
 
+use machine::Dialect;
+
 use crate::number::{self, NUMBER_MAX};
 use crate::parameters::check_settable;
 use crate::refusal::{Refusal, refuse, shown};
+
+mod fanuc;
+
+use fanuc::{COMPARES, FANUC_OPERATORS, filled, variable};
 
 /// Expressions may be nested this deep.
 const DEPTH_MAX: u32 = 32;
@@ -18,6 +24,10 @@ const WHOLE_WITHIN: f64 = 1e-4;
 
 /// Where parameters have their values.
 pub trait Lookup {
+    /// The language whose operators and functions are meant. Only Fanuc's has values that are vacant: they are no number.
+    fn dialect(&self) -> Dialect {
+        Dialect::LinuxCnc
+    }
     /// The value of `#number`.
     ///
     /// # Errors
@@ -214,6 +224,9 @@ impl<'a> Cursor<'a> {
             return Ok(Target::Named(self.name()?));
         }
         let value = self.value_at(lookup, depth + 1)?;
+        if lookup.dialect() == Dialect::Fanuc {
+            return variable(value).map_err(|wrong| wrong.at(start));
+        }
         let Some(number) = number_of_parameter(value) else {
             let found = format!("parameter #{value}");
             let right = "a whole number from 1 to 5602, or a name such as #<depth>";
@@ -262,6 +275,11 @@ impl<'a> Cursor<'a> {
         }
     }
 
+    /// Operators and their values, in brackets or without.
+    pub fn open_expression(&mut self, lookup: &impl Lookup) -> Result<f64, Refusal> {
+        self.operation(lookup, 0, 0)
+    }
+
     /// `[…]`.
     pub fn expression(&mut self, lookup: &impl Lookup) -> Result<f64, Refusal> {
         self.expression_at(lookup, 0)
@@ -284,10 +302,17 @@ impl<'a> Cursor<'a> {
     /// A chain of operators that bind tighter than `bound`.
     fn operation(&mut self, lookup: &impl Lookup, depth: u32, bound: u32) -> Result<f64, Refusal> {
         let mut left = self.value_at(lookup, depth)?;
+        let is_fanuc = lookup.dialect() == Dialect::Fanuc;
+        let operators: &[_] = if is_fanuc {
+            &FANUC_OPERATORS
+        } else {
+            &OPERATORS
+        };
+        let mut compared = false;
         loop {
             self.skip_blanks();
             let start = self.offset;
-            let Some(&(_, level, apply)) = OPERATORS.iter().find(|of| self.take_operator(of.0))
+            let Some(&(name, level, apply)) = operators.iter().find(|of| self.take_operator(of.0))
             else {
                 return Ok(left);
             };
@@ -295,7 +320,15 @@ impl<'a> Cursor<'a> {
                 self.offset = start;
                 return Ok(left);
             }
-            let right = self.operation(lookup, depth + 1, level)?;
+            if is_fanuc && level == COMPARES && std::mem::replace(&mut compared, true) {
+                let right = "brackets around each of them: [[#1 GT 0] AND [#2 GT 0]]";
+                return refuse(start, "two comparisons in one bracket", right);
+            }
+            let mut right = self.operation(lookup, depth + 1, level)?;
+            // A vacant value counts as 0, but is equal to another vacant one alone.
+            if !matches!(name, "eq" | "ne") {
+                (left, right) = (filled(left), filled(right));
+            }
             left = match apply(left, right) {
                 Ok(value) if value.is_finite() => value,
                 Ok(_) => {
@@ -325,6 +358,9 @@ impl<'a> Cursor<'a> {
     /// A function with its argument; ATAN has two.
     fn function(&mut self, lookup: &impl Lookup, depth: u32) -> Result<f64, Refusal> {
         let start = self.offset;
+        if lookup.dialect() == Dialect::Fanuc {
+            return self.fanuc_function(lookup, depth);
+        }
         let Some(function) = FUNCTIONS.iter().find(|function| self.take_word(function)) else {
             let right = "a number, #parameter, [expression] or one of the functions ABS ACOS ASIN ATAN COS EXP FIX FUP LN ROUND SIN SQRT TAN EXISTS";
             return self.error(shown(self.text, start), right);

@@ -69,6 +69,13 @@ impl FlowWord {
 
 /// An O-word as a person writes it.
 pub fn shown_flow(label: &str, keyword: Keyword) -> String {
+    // A loop of Fanuc's language.
+    if let Some(number) = label.strip_prefix("DO") {
+        return match keyword {
+            Keyword::EndWhile => format!("END{number}"),
+            _ => label.to_owned(),
+        };
+    }
     let mut words = KEYWORDS.iter();
     let word = words.find(|(_, of_word)| *of_word == keyword);
     let word = word.map_or("", |(word, _)| word);

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-use crate::flow::{ARGUMENTS_MAX, Keyword, shown_flow};
+use crate::flow::{Keyword, shown_flow};
 use crate::source::Spot;
 use crate::state::SavedModes;
 
@@ -48,8 +48,11 @@ pub struct Frame {
     pub loops: Vec<Loop>,
     /// Names that only it knows.
     pub named: BTreeMap<String, f64>,
-    /// #1 to #30 of the caller, restored at the end if the call had arguments of its own.
-    pub kept: [f64; ARGUMENTS_MAX],
+    /// #1 and those behind it of the caller, restored at the end if the call had arguments of its own.
+    pub kept: Vec<Option<f64>>,
+    /// In Fanuc's language, the line that it begins with and the next one: its next pass goes on with its variables (Haas Mill Operator's
+    /// Manual, "Macros": arguments are set on the first repetition only).
+    pub begin: Option<(Spot, Spot)>,
     /// Called by an O-word, whose arguments are #1 to #30.
     pub arguments: bool,
     /// Passes of M98 with L, this one included.

@@ -8,21 +8,25 @@ use path::geometry::AxisVector;
 
 use crate::act::Acts;
 use crate::expression::Target;
-use crate::flow::ARGUMENTS_MAX;
 use crate::frames::{Frame, Frames};
 use crate::meaning::{Drilling, Modal, Splines, State, input_asked, output_switched};
 use crate::parameters::{NUMBER_MAX, Parameters, acts_in_fanuc, base};
 use crate::program::{EventKind, ProgramEnd, Setup};
-use crate::reader::{CommentKind, Line};
+use crate::reader::{CommentKind, Corner, Line};
 use crate::refusal::{Done, Refusal, refuse};
 use crate::route::{Output, Route};
 use crate::words::{Group, Words};
 
+mod corner;
+mod fanuc;
 mod motion;
 mod names;
 mod questions;
 mod say;
 
+pub use corner::CornerAhead;
+use fanuc::Fanuc;
+pub use fanuc::MacroCall;
 use questions::Questions;
 use say::{BESIDE_O_WORD, remark_of, with_values};
 
@@ -49,15 +53,24 @@ pub struct Interpreter {
     #[serde(skip)]
     pub line_of_file: u32,
     pub ended: Option<ProgramEnd>,
+    /// What only programs in Fanuc's language have.
+    pub fanuc: Fanuc,
+    /// The corner at the end of the block that is done.
+    #[serde(skip)]
+    corner: Option<Box<(Corner, CornerAhead)>>,
 }
 
 impl Interpreter {
     pub fn new(setup: &Arc<Setup>, start: AxisVector) -> Self {
-        Self {
+        let mut interpreter = Self {
             state: State::new(setup, start),
             state_known: true,
             ..Self::default()
+        };
+        if interpreter.is_fanuc() {
+            interpreter.tell_plain_blocks();
         }
+        interpreter
     }
 
     /// Takes what a snapshot leaves out from a fresh one.
@@ -98,7 +111,8 @@ impl Interpreter {
             base::WORK_OFFSET if self.ends_by_word() => 1.0,
             _ => self.state.parameters().get(number),
         };
-        let numbers = (1..=NUMBER_MAX).filter(kept);
+        let beyond = named.keys().copied().filter(|number| *number > NUMBER_MAX);
+        let numbers = (1..=NUMBER_MAX).filter(kept).chain(beyond);
         numbers.map(|number| (number, value(number))).collect()
     }
 
@@ -285,15 +299,13 @@ impl Interpreter {
         }
     }
 
-    /// Passes the arguments of a call: #1 to #30 are its own from here on.
-    pub fn pass(&mut self, arguments: &[f64]) {
+    /// Passes the arguments of a call: #1 and those behind it, as many as there are, are its own from here on.
+    pub fn pass(&mut self, arguments: impl Iterator<Item = Option<f64>>) {
         let parameters = self.state.own_parameters();
-        let mut kept = [0.0; ARGUMENTS_MAX];
-        for (index, slot) in kept.iter_mut().enumerate() {
-            let number = index as u32 + 1;
-            *slot = parameters.get(number);
-            let argument = arguments.get(index).copied().unwrap_or(0.0);
-            parameters.set(number, argument);
+        let mut kept = vec![];
+        for (number, argument) in (1..).zip(arguments) {
+            kept.push(parameters.if_set(number));
+            parameters.put(number, argument);
         }
         self.frames.here().kept = kept;
     }
@@ -303,8 +315,8 @@ impl Interpreter {
         let mut frame = self.frames.called.pop()?;
         self.returned = (returned.unwrap_or(0.0), returned.is_some());
         if frame.arguments {
-            for (number, value) in (1u32..).zip(frame.kept) {
-                self.state.own_parameters().set(number, value);
+            for (number, value) in (1..).zip(std::mem::take(&mut frame.kept)) {
+                self.state.own_parameters().put(number, value);
             }
         }
         if let Some((saved, true)) = frame.saved.take() {

@@ -17,6 +17,10 @@
 //! line to line as the O-words say (`flow`, `frames`); `reader` makes a block of a line, its expressions evaluated (`expression`);
 //! `interpreter` does the block in the order of NIST §3.8 and LinuxCNC's manual (*Order of Execution*).
 //!
+//! A program in Fanuc's language takes the same way with another reader of lines: `fanuc` makes a block of a line and puts LinuxCNC's
+//! words in the place of its own; what those have no words for (jumps, macro calls, corners, system variables) is in the `fanuc` files
+//! of `execution` and `interpreter`. [`Setup::dialect`] says the language, unless the text does: a copied program begins with a mark.
+//!
 //! What words mean is in `meaning`: its `State` is what words are read in, of values that own their fields (`in_force`, `offsets`,
 //! `tools`, `parameters`). Words change it by calls of their own; all else only looks at it and returns a motion or a list of acts
 //! (`act`): a cycle is straight moves and events before any of them is done. `route` does them, by one path for all, and beside the
@@ -87,6 +91,7 @@ mod equipment;
 mod error;
 mod execution;
 mod expression;
+mod fanuc;
 mod file;
 mod flat;
 mod flow;

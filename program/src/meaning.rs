@@ -42,6 +42,7 @@ pub use use_of_words::goes_home_first;
 pub use drilling::Drilling;
 pub use inputs_outputs::{input_asked, output_switched};
 pub use modal::Modal;
+pub use offset_words::MORE_WORK;
 pub use places::{Leg, PLACES};
 pub use splines::Splines;
 pub use straight::StraightLeg;
@@ -99,6 +100,10 @@ pub struct State {
     axes: Option<AxisVector>,
     /// The plane of G68.2.
     plane: Option<TiltedPlane>,
+    /// What an incremental word of the next block counts from, seen from the program's place: the corner that a `,R` cut off.
+    owed: AxisVector,
+    /// The offset of G54.1 in force, from 1; none while that of a code G54 to G59.3 is.
+    more_work: Option<u32>,
     parameters: Parameters,
 }
 
@@ -185,6 +190,16 @@ impl State {
     /// The program is at the end of a motion, which the tool makes beside it.
     pub fn go_ahead(&mut self, end: AxisVector) {
         self.position = end;
+    }
+
+    /// The next block counts incremental words from so far beside the program's place.
+    pub fn owe(&mut self, aside: AxisVector) {
+        self.owed = aside;
+    }
+
+    /// Whether it does.
+    pub fn owes(&self) -> bool {
+        self.owed != AxisVector::zeros()
     }
 
     /// Goes along a block of straight motion; its start.

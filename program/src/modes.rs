@@ -47,7 +47,7 @@ impl Modes {
     ) -> Result<Modes, ResumeError> {
         let start = tool_at(machine, increments)?;
         let setup = Arc::new(Setup::of(machine));
-        let text = read_program(file, &machine.subroutine_folders)?;
+        let text = read_program(file, &machine.subroutine_folders, machine.program.dialect)?;
         let mut reading = Reading::of_text(&file.display().to_string(), &text, &setup, start)?;
         let mut modes = Modes {
             changes: vec![(0, Arc::new(reading.modal()))],

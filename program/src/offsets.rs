@@ -8,8 +8,12 @@ use serde::{Deserialize, Serialize};
 /// The offsets in force, in mm and degrees.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Offsets {
-    /// Of the work offset in force.
+    /// Of the work offset in force, and of what a rotation about another centre than its zero adds.
     work: AxisVector,
+    /// Of the work offset in force alone, and its rotation in degrees.
+    alone: (AxisVector, f64),
+    /// G68: centre in X and Y of the work offset, in mm, and angle in degrees.
+    about: Option<([f64; 2], f64)>,
     /// Of G52 and G92.
     g92: AxisVector,
     /// Of the tool.
@@ -69,12 +73,46 @@ impl Offsets {
 
     /// Puts a work offset in force, and its rotation about Z.
     pub fn set_work(&mut self, work: AxisVector, rotation_deg: f64) {
-        self.work = work;
-        self.turn = (rotation_deg != 0.0).then(|| {
-            let angle_rad = rotation_deg.to_radians();
-            (libm::cos(angle_rad), libm::sin(angle_rad))
-        });
+        self.alone = (work, rotation_deg);
+        self.refresh_turn();
         self.refresh_zero();
+    }
+
+    /// G68: turns what the program says about a centre, beside the rotation of the work offset; none ends that.
+    pub fn turn_about(&mut self, about: Option<([f64; 2], f64)>) {
+        self.about = about;
+        self.refresh_turn();
+        self.refresh_zero();
+    }
+
+    /// Whether G68 is in force.
+    pub fn is_turned_about(&self) -> bool {
+        self.about.is_some()
+    }
+
+    /// The angle of G68, in degrees; 0 without.
+    pub fn turned_about_deg(&self) -> f64 {
+        self.about.map_or(0.0, |(_, angle_deg)| angle_deg)
+    }
+
+    /// The rotation of the work offset alone, then that about the centre: work + turned(centre) − turned both ways(centre).
+    fn refresh_turn(&mut self) {
+        let (work, rotation_deg) = self.alone;
+        let of = |angle_deg: f64| {
+            (angle_deg != 0.0).then(|| {
+                let angle_rad = angle_deg.to_radians();
+                (libm::cos(angle_rad), libm::sin(angle_rad))
+            })
+        };
+        self.work = work;
+        self.turn = of(rotation_deg);
+        if let (Some((centre_mm, angle_deg)), Some((x, y))) = (self.about, self.turned_axes) {
+            let mut centre = AxisVector::zeros();
+            (centre[x], centre[y]) = (centre_mm[0], centre_mm[1]);
+            let once = self.turned(centre);
+            self.turn = of(rotation_deg + angle_deg);
+            self.work = work + once - self.turned(centre);
+        }
     }
 
     /// Puts what G52 and G92 add in force.

@@ -143,6 +143,8 @@ pub struct Parameters {
     #[serde(with = "numbered")]
     numbered: Arc<Vec<Option<f64>>>,
     global: Arc<BTreeMap<String, f64>>,
+    /// Numbers above [`NUMBER_MAX`].
+    beyond: Arc<BTreeMap<u32, f64>>,
 }
 
 impl Default for Parameters {
@@ -150,6 +152,7 @@ impl Default for Parameters {
         let mut parameters = Self {
             numbered: Arc::new(vec![None; NUMBER_MAX as usize + 1]),
             global: Arc::default(),
+            beyond: Arc::default(),
         };
         parameters.set(base::DEBUG_SHOWN, 1.0);
         parameters
@@ -162,8 +165,27 @@ impl Parameters {
         self.if_set(number).unwrap_or(0.0)
     }
 
-    fn if_set(&self, number: u32) -> Option<f64> {
-        self.numbered.get(number as usize).copied().flatten()
+    /// The value of `#number`, if it was ever set.
+    pub fn if_set(&self, number: u32) -> Option<f64> {
+        match self.numbered.get(number as usize) {
+            Some(value) => *value,
+            None => self.beyond.get(&number).copied(),
+        }
+    }
+
+    /// Takes the value of `#number` away: it is as if it was never set.
+    pub fn clear(&mut self, number: u32) {
+        if let Some(slot) = Arc::make_mut(&mut self.numbered).get_mut(number as usize) {
+            *slot = None;
+        }
+    }
+
+    /// Sets `#number`, or takes its value away.
+    pub fn put(&mut self, number: u32, value: Option<f64>) {
+        match value {
+            Some(value) => self.set(number, value),
+            None => self.clear(number),
+        }
     }
 
     /// The value of `#number` where a program names it.
@@ -178,10 +200,13 @@ impl Parameters {
         }
     }
 
-    /// Sets `#number`; nothing happens for one that there is not.
+    /// Sets `#number`.
     pub fn set(&mut self, number: u32, value: f64) {
-        if let Some(slot) = Arc::make_mut(&mut self.numbered).get_mut(number as usize) {
-            *slot = Some(value);
+        match Arc::make_mut(&mut self.numbered).get_mut(number as usize) {
+            Some(slot) => *slot = Some(value),
+            None => {
+                Arc::make_mut(&mut self.beyond).insert(number, value);
+            }
         }
     }
 

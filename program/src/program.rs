@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use bus::sample::AskedInput;
-use machine::{Beginning, KeptParameters, Tool};
+use machine::{Beginning, Dialect, KeptParameters, Tool};
 use path::geometry::{AxisVector, Element, Path};
 use path::tool_centre::ToolCentre;
 use serde::{Deserialize, Serialize};
@@ -47,6 +47,10 @@ pub struct Setup {
     pub tools: Vec<Tool>,
     /// Whether blocks with `/` before them are left out (block delete).
     pub block_delete: bool,
+    /// The language of the program, unless its text says that itself.
+    pub dialect: Dialect,
+    /// In Fanuc's language, a word without a decimal point counts least input increments: X10 is 0.010 mm.
+    pub standard_decimal_point: bool,
     /// What a machine would answer is assumed, for comparing and showing programs: a probe trips at the end of its motion, an input
     /// is 0.
     pub answers_assumed: bool,
@@ -327,6 +331,17 @@ impl Setup {
     }
 }
 
+/// The setup for a text that says itself in which dialect it is written.
+pub fn in_dialect(setup: &Arc<Setup>, dialect: Option<Dialect>) -> Arc<Setup> {
+    match dialect.filter(|dialect| *dialect != setup.dialect) {
+        None => Arc::clone(setup),
+        Some(dialect) => Arc::new(Setup {
+            dialect,
+            ..Setup::clone(setup)
+        }),
+    }
+}
+
 /// Names a program on a machine: its text, by length and hash, and everything else that its geometry depends on.
 pub fn source_hash(text: TextHash, setup: &Setup, start: &AxisVector) -> u64 {
     let mut hash = Xxh3::new();
@@ -368,6 +383,10 @@ pub fn source_hash(text: TextHash, setup: &Setup, start: &AxisVector) -> u64 {
         for number in tool_centre.numbers() {
             hash.update(&number.to_bits().to_le_bytes());
         }
+    }
+    if setup.dialect == Dialect::Fanuc {
+        hash.update(b"fanuc");
+        hash.update(&[u8::from(setup.standard_decimal_point)]);
     }
     hash.digest()
 }

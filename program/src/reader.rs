@@ -3,6 +3,8 @@
 
 use std::fmt::{self, Display};
 
+use machine::Dialect;
+
 use crate::expression::{Cursor, Lookup, Target, comment_end};
 use crate::flow::{FlowWord, read_flow_word};
 use crate::refusal::{Refusal, refuse, shown};
@@ -95,10 +97,48 @@ pub struct Line {
     pub comments: Vec<(CommentKind, String)>,
     /// A word of program flow: an O-word.
     pub flow: Option<FlowWord>,
+    /// In Fanuc's language, the block that it goes on with.
+    pub jump: Option<Jump>,
+    /// In Fanuc's language, what becomes of the corner behind it.
+    pub corner: Option<Corner>,
+    /// In Fanuc's language, its first comment.
+    pub remark: String,
+    /// In Fanuc's language, the letters whose numbers have a decimal point, as bits.
+    pub pointed: u32,
+    /// In Fanuc's language, the letters whose values are computed, as bits.
+    pub computed: u32,
+    /// In Fanuc's language, it writes to a device or names variables, and does nothing here.
+    pub writes: bool,
+}
+
+/// A jump to a block by its N-number.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Jump {
+    /// The number.
+    pub number: u32,
+    /// Byte offset of the word in the line.
+    pub offset: usize,
+}
+
+/// What is put between a straight block and the next.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Corner {
+    /// An arc (`,R`) or a chamfer (`,C`).
+    pub rounds: bool,
+    /// Radius of the arc, or length that the chamfer takes off both blocks, in the unit of the program.
+    pub size: f64,
+    /// Byte offset of the word in the line.
+    pub offset: usize,
 }
 
 impl Line {
-    fn clear(&mut self) {
+    pub fn clear(&mut self) {
+        self.jump = None;
+        self.corner = None;
+        self.remark.clear();
+        self.pointed = 0;
+        self.computed = 0;
+        self.writes = false;
         self.words.clear();
         self.block_delete = false;
         self.percent = false;
@@ -119,6 +159,8 @@ impl Line {
         !self.words.is_empty()
             || !self.assignments.is_empty()
             || self.flow.is_some()
+            || self.jump.is_some()
+            || self.writes
             || comments.any(|(kind, _)| *kind == CommentKind::Abort)
     }
 }
@@ -186,7 +228,10 @@ pub fn read_line(text: &str, lookup: &impl Lookup, line: &mut Line) -> Result<()
 }
 
 /// Reads the parameter that is set next, and its value.
-fn read_assignment(cursor: &mut Cursor, lookup: &impl Lookup) -> Result<(Target, f64), Refusal> {
+pub fn read_assignment(
+    cursor: &mut Cursor,
+    lookup: &impl Lookup,
+) -> Result<(Target, f64), Refusal> {
     let offset = cursor.offset;
     let target = cursor.target(lookup)?;
     lookup
@@ -196,11 +241,15 @@ fn read_assignment(cursor: &mut Cursor, lookup: &impl Lookup) -> Result<(Target,
         let right = "a parameter is set with =, such as #1=5, or used behind a letter, such as X#1";
         return refuse(offset, "a parameter by itself", right);
     }
-    Ok((target, cursor.value(lookup)?))
+    let value = match lookup.dialect() {
+        Dialect::LinuxCnc => cursor.value(lookup)?,
+        Dialect::Fanuc => cursor.open_expression(lookup)?,
+    };
+    Ok((target, value))
 }
 
 /// Reads the word whose letter is next; a plain number of few digits without the detour over text.
-fn read_word(cursor: &mut Cursor, lookup: &impl Lookup) -> Result<Word, Refusal> {
+pub fn read_word(cursor: &mut Cursor, lookup: &impl Lookup) -> Result<Word, Refusal> {
     let offset = cursor.offset;
     let letter = char::from(cursor.peek()).to_ascii_uppercase();
     cursor.offset += 1;

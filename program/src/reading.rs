@@ -10,7 +10,7 @@ use crate::error::ProgramError;
 use crate::execution::Execution;
 use crate::file::{open_text, text_hash};
 use crate::meaning::Modal;
-use crate::program::{Note, Piece, ProgramEnd, Setup, source_hash};
+use crate::program::{Note, Piece, ProgramEnd, Setup, in_dialect, source_hash};
 use crate::question::{Answer, Question};
 use crate::route::Bound;
 use crate::setup::check_setup;
@@ -79,7 +79,8 @@ impl Reading {
     }
 
     fn of(name: &str, text: Text, hash: TextHash, setup: &Arc<Setup>, start: AxisVector) -> Self {
-        let mut execution = Execution::new(Source::new(text), setup, start);
+        let setup = &in_dialect(setup, text.dialect());
+        let mut execution = Execution::new(Source::new(text, setup.dialect), setup, start);
         execution.interpreter.route.output.bound = Bound::Block {
             most: BLOCK_ELEMENTS_MAX,
             before: 0,

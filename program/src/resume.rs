@@ -16,7 +16,7 @@ use crate::setup::tool_at;
 ///
 /// What is no regular file, too large, not text or not a program is refused; a large file before it is read.
 pub fn load(file: &Path, setup: &Setup, start: AxisVector) -> Result<Program, ProgramError> {
-    let text = read_program(file, &[])?;
+    let text = read_program(file, &[], setup.dialect)?;
     interpret(&file.display().to_string(), &text, setup, start)
 }
 
@@ -49,7 +49,7 @@ pub fn load_from(
     file: &Path,
     answers: &[Answer],
 ) -> Result<Program, ResumeError> {
-    let text = read_program(file, &machine.subroutine_folders)?;
+    let text = read_program(file, &machine.subroutine_folders, machine.program.dialect)?;
     let setup = Setup::rehearsed(machine, answers);
     let start = tool_at(machine, increments)?;
     Ok(interpret(

@@ -3,7 +3,7 @@
 use bus::sample::AnswerOutcome;
 use std::sync::Arc;
 
-use machine::{self, AxisKind, Carried, KinematicsKind, Machine};
+use machine::{self, AxisKind, Carried, DecimalPoint, KinematicsKind, Machine};
 use path::geometry::{AxisVector, PATH_AXES};
 use path::kinematics::Kinematics;
 use path::pivot::{self, OutOfReach, PivotY};
@@ -61,6 +61,8 @@ impl Setup {
             tools: machine.tools.clone(),
             block_delete: machine.program.block_delete,
             tool_centre: tool_centre_of(machine).map(Arc::new),
+            dialect: machine.program.dialect,
+            standard_decimal_point: machine.program.fanuc_decimal_point == DecimalPoint::Standard,
             tolerance_mm: machine.path.tolerance_mm,
             probe: machine.program.probe,
             spindle_max_rpm: machine

@@ -4,6 +4,9 @@ use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
 use std::sync::Arc;
 
+use machine::Dialect;
+
+use crate::fanuc;
 use crate::flow::{Keyword, flow_at};
 use crate::refusal::{Refusal, refuse};
 use crate::text::{Text, text_of};
@@ -47,6 +50,7 @@ pub struct Label {
 #[derive(Debug, Clone)]
 pub struct Source {
     text: Text,
+    dialect: Dialect,
     index: Option<Arc<Index>>,
     labels_max: usize,
 }
@@ -58,6 +62,12 @@ pub struct Index {
     labels: HashMap<String, Vec<Label>>,
     /// How many lines these are.
     count: usize,
+    /// In Fanuc's language, the blocks with N-numbers; in order of their numbers once all of the text is looked through.
+    numbers: Vec<(u32, Label)>,
+    /// There are more of them than are kept.
+    too_many_numbers: bool,
+    /// In Fanuc's language, the lines that begin a program or a file.
+    sections: Vec<usize>,
     /// Where each file that is appended begins: the line of its mark, and its name.
     files: Vec<(usize, String)>,
     /// What is looked through; none once that is done.
@@ -86,7 +96,7 @@ fn may_lead(line: &[u8]) -> bool {
 }
 
 /// Whether the block of a line may go on elsewhere: an O-word, M98 and M99, G70 to G72, or a code that is computed.
-pub fn may_jump(line: &[u8]) -> bool {
+fn may_jump(line: &[u8]) -> bool {
     if may_lead(line) && line.iter().any(|byte| matches!(byte, b'o' | b'O')) {
         return true;
     }
@@ -108,24 +118,25 @@ pub fn may_jump(line: &[u8]) -> bool {
 
 impl Default for Source {
     fn default() -> Self {
-        Self::new(Text::of(""))
+        Self::new(Text::of(""), Dialect::LinuxCnc)
     }
 }
 
 impl Source {
-    pub fn new(text: Text) -> Self {
+    pub fn new(text: Text, dialect: Dialect) -> Self {
         Self {
             text,
+            dialect,
             index: None,
             labels_max: LABELS_MAX,
         }
     }
 
     /// The same with as many labels as there are.
-    pub fn of_whole(text: Text) -> Self {
+    pub fn of_whole(text: Text, dialect: Dialect) -> Self {
         Self {
             labels_max: usize::MAX,
-            ..Self::new(text)
+            ..Self::new(text, dialect)
         }
     }
 
@@ -170,11 +181,11 @@ impl Source {
         if self.is_looked_through() {
             return Ok(true);
         }
-        let (text, labels_max) = (&self.text, self.labels_max);
+        let (text, labels_max, dialect) = (&self.text, self.labels_max, self.dialect);
         let index = self
             .index
             .get_or_insert_with(|| Arc::new(Index::new(text.clone())));
-        Arc::make_mut(index).look_on(bytes_max, labels_max)
+        Arc::make_mut(index).look_on(bytes_max, labels_max, dialect)
     }
 
     /// Whether a line belongs to the program's own file. Others are only reached by labels.
@@ -216,6 +227,19 @@ impl Source {
         Ok(self.index()?.last_before(label, from, keywords))
     }
 
+    /// In Fanuc's language, the block with an N-number in the program that a line belongs to.
+    pub fn numbered(&mut self, number: u32, from: usize) -> Result<Option<Label>, Refusal> {
+        self.index()?.numbered(number, from)
+    }
+
+    /// What tells whether the block of a line may go on elsewhere.
+    pub fn finds_jumps(&self) -> fn(&[u8]) -> bool {
+        match self.dialect {
+            Dialect::LinuxCnc => may_jump,
+            Dialect::Fanuc => fanuc::may_jump,
+        }
+    }
+
     /// Where a subroutine begins: its `sub`, or its number for M98.
     pub fn subroutine(&mut self, label: &str) -> Result<Option<Label>, Refusal> {
         Ok(self.index()?.subroutine(label))
@@ -231,7 +255,13 @@ impl Index {
     }
 
     /// Looks through about so many bytes more; true at the end of the text.
-    fn look_on(&mut self, bytes_max: u64, labels_max: usize) -> Result<bool, Refusal> {
+    fn look_on(
+        &mut self,
+        bytes_max: u64,
+        labels_max: usize,
+        dialect: Dialect,
+    ) -> Result<bool, Refusal> {
+        let is_fanuc = dialect == Dialect::Fanuc;
         let until = self.at.byte.saturating_add(bytes_max);
         while self.at.byte < until {
             let at = self.at;
@@ -240,19 +270,42 @@ impl Index {
             };
             let Some((line, byte)) = text.bytes(at.byte)? else {
                 self.text = None;
+                self.numbers
+                    .sort_by_key(|(number, label)| (*number, label.at.line));
                 return Ok(true);
             };
             let behind = at.next(byte);
             // What is no text is told when it is read.
-            let line = if may_lead(line) {
+            let leads = if is_fanuc { fanuc::may_lead } else { may_lead };
+            let line = if leads(line) {
                 text_of(line).unwrap_or_default()
             } else {
                 ""
             };
             if let Some(name) = line.strip_prefix(FILE_MARK) {
                 self.files.push((at.line, name.trim().to_owned()));
-            } else if let Some((label, keyword)) = flow_at(line).filter(|found| is_led_to(found.1))
-            {
+                self.sections.push(at.line);
+                self.at = behind;
+                continue;
+            }
+            if is_fanuc && let Some(number) = fanuc::number_at(line) {
+                self.too_many_numbers |= self.numbers.len() >= labels_max;
+                if !self.too_many_numbers {
+                    let keyword = Keyword::Number;
+                    let label = Label {
+                        at,
+                        behind,
+                        keyword,
+                    };
+                    self.numbers.push((number, label));
+                }
+            }
+            let found = if is_fanuc {
+                fanuc::label_at(line)
+            } else {
+                flow_at(line)
+            };
+            if let Some((label, keyword)) = found.filter(|found| is_led_to(found.1)) {
                 if self.count >= labels_max {
                     let found =
                         format!("more than {labels_max} lines with O-words that others lead to");
@@ -264,12 +317,49 @@ impl Index {
                     behind,
                     keyword,
                 };
+                if is_fanuc && keyword == Keyword::Number {
+                    self.sections.push(at.line);
+                }
                 self.labels.entry(label).or_default().push(place);
                 self.count += 1;
             }
             self.at = behind;
         }
         Ok(false)
+    }
+
+    /// The lines of the program that a line belongs to: the first, and the first behind it.
+    fn section(&self, line: usize) -> (usize, usize) {
+        let next = self.sections.partition_point(|begin| *begin <= line);
+        let begin = next.checked_sub(1).and_then(|at| self.sections.get(at));
+        let end = self.sections.get(next);
+        (
+            begin.copied().unwrap_or(0),
+            end.copied().unwrap_or(usize::MAX),
+        )
+    }
+
+    fn numbered(&self, number: u32, from: usize) -> Result<Option<Label>, Refusal> {
+        if self.too_many_numbers {
+            let found = format!("more than {LABELS_MAX} N-numbers in a program that jumps");
+            return refuse(0, found, "N-numbers only where something leads to them");
+        }
+        let (begin, end) = self.section(from);
+        let place = |of: u32, line: usize| {
+            self.numbers
+                .partition_point(|(n, label)| (*n, label.at.line) < (of, line))
+        };
+        let found = self.numbers.get(place(number, begin)..place(number, end));
+        match found.unwrap_or_default() {
+            [] => Ok(None),
+            [(_, label)] => Ok(Some(*label)),
+            [_, (_, again), ..] => {
+                let line = again.at.line + 1;
+                let found =
+                    format!("N{number} is there twice in this program: again in line {line}");
+                refuse(0, found, "each number that is led to once in a program")
+            }
+        }
     }
 
     /// The line behind the file that a line is in.
@@ -315,7 +405,7 @@ mod tests {
     use super::*;
 
     fn source(text: &str) -> Source {
-        Source::new(Text::of(text))
+        Source::new(Text::of(text), Dialect::LinuxCnc)
     }
 
     fn found(label: Result<Option<Label>, Refusal>) -> Option<(usize, Keyword)> {

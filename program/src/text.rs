@@ -4,6 +4,7 @@ use std::io;
 use std::os::unix::fs::{FileExt, MetadataExt};
 use std::sync::Arc;
 
+use machine::Dialect;
 use xxhash_rust::xxh3::{Xxh3, xxh3_64};
 
 use crate::refusal::{Refusal, refuse};
@@ -16,6 +17,27 @@ const WINDOWS_MAX: usize = 4;
 const LINE_BYTES_MAX: usize = 1 << 20;
 /// What editors on Windows put before UTF-8 text.
 const BYTE_ORDER_MARK: &[u8] = b"\xEF\xBB\xBF";
+
+/// Stands on both sides of the name of a dialect before the first line of a copied program: the dialect travels with its text.
+const DIALECT_MARK: char = '\u{1d}';
+/// The most bytes before the first line that are no text of the program.
+const HEAD_BYTES: usize = 16;
+
+/// What stands before the first line of a program in a dialect.
+pub fn dialect_mark(dialect: Dialect) -> String {
+    format!("{DIALECT_MARK}{dialect}{DIALECT_MARK}")
+}
+
+/// The dialect that a text says it is written in, and how many of its bytes say so.
+pub fn marked_dialect(text: &[u8]) -> (Option<Dialect>, usize) {
+    for (dialect, _) in Dialect::ALL {
+        let mark = dialect_mark(dialect);
+        if text.starts_with(mark.as_bytes()) {
+            return (Some(dialect), mark.len());
+        }
+    }
+    (None, 0)
+}
 
 /// Length and hash of a text.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -37,8 +59,8 @@ pub fn hash_of(bytes: &[u8]) -> TextHash {
 /// A text, of which little or nothing is in memory.
 #[derive(Debug, Clone)]
 pub enum Text {
-    /// All of it is in memory.
-    Whole(Arc<str>),
+    /// All of it is in memory, with the dialect that it says it is written in.
+    Whole(Arc<str>, Option<Dialect>),
     /// It is read as it is needed.
     File(Box<FileText>),
 }
@@ -46,7 +68,16 @@ pub enum Text {
 impl Text {
     /// A text in memory.
     pub fn of(text: &str) -> Self {
-        Self::Whole(text.into())
+        let (dialect, bytes) = marked_dialect(text.as_bytes());
+        Self::Whole(text.get(bytes..).unwrap_or_default().into(), dialect)
+    }
+
+    /// The dialect that the text says it is written in.
+    pub fn dialect(&self) -> Option<Dialect> {
+        match self {
+            Text::Whole(_, dialect) => *dialect,
+            Text::File(file) => file.dialect,
+        }
     }
 
     /// A file that is open.
@@ -58,7 +89,7 @@ impl Text {
     /// A text that ends with a line feed has an empty last line.
     pub fn bytes(&mut self, byte: u64) -> Result<Option<(&[u8], u64)>, Refusal> {
         let (line, behind) = match self {
-            Text::Whole(whole) => {
+            Text::Whole(whole, _) => {
                 let Some(rest) = whole.as_bytes().get(byte as usize..) else {
                     return Ok(None);
                 };
@@ -77,7 +108,7 @@ impl Text {
 
     /// The same as text, without its line end.
     pub fn line(&mut self, byte: u64) -> Result<Option<(&str, u64)>, Refusal> {
-        if let Text::Whole(whole) = self {
+        if let Text::Whole(whole, _) = self {
             let Some(rest) = whole.get(byte as usize..) else {
                 return Ok(None);
             };
@@ -95,7 +126,7 @@ impl Text {
     /// Length and hash, all of it read.
     pub fn hash(&self) -> Result<TextHash, Refusal> {
         match self {
-            Text::Whole(whole) => Ok(hash_of(whole.as_bytes())),
+            Text::Whole(whole, _) => Ok(hash_of(whole.as_bytes())),
             Text::File(file) => file.hash(),
         }
     }
@@ -103,7 +134,7 @@ impl Text {
     /// How many bytes it has.
     pub fn length(&self) -> u64 {
         match self {
-            Text::Whole(whole) => whole.len() as u64,
+            Text::Whole(whole, _) => whole.len() as u64,
             Text::File(file) => file.length,
         }
     }
@@ -136,6 +167,8 @@ pub struct FileText {
     file: Arc<File>,
     /// Its first bytes that are no text.
     skipped: u64,
+    /// The dialect that it says it is written in.
+    dialect: Option<Dialect>,
     /// Bytes of its text.
     length: u64,
     /// When it was changed, by the clock of its file system: seconds and nanoseconds.
@@ -166,17 +199,18 @@ impl Window {
 impl FileText {
     fn of(file: File) -> io::Result<Self> {
         let metadata = file.metadata()?;
-        let mut first = [0; BYTE_ORDER_MARK.len()];
+        let mut first = [0; HEAD_BYTES];
         let read = file.read_at(&mut first, 0)?;
-        let marked = first.get(..read) == Some(BYTE_ORDER_MARK);
-        let skipped = if marked {
-            BYTE_ORDER_MARK.len() as u64
-        } else {
-            0
+        let first = first.get(..read).unwrap_or_default();
+        let (dialect, marked) = marked_dialect(first);
+        let skipped = match first.starts_with(BYTE_ORDER_MARK) {
+            true => BYTE_ORDER_MARK.len() as u64,
+            false => marked as u64,
         };
         Ok(Self {
             file: Arc::new(file),
             skipped,
+            dialect,
             length: metadata.len() - skipped,
             changed: (metadata.mtime(), metadata.mtime_nsec()),
             windows: vec![],

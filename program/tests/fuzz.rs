@@ -1,10 +1,12 @@
 //! Whatever the text, the interpreter ends, without a panic, with a sound path or a refusal.
 
 use crate::common::{at, mill};
-use program::{AxisSetup, Program, ProgramError, Setup, interpret};
+use machine::Dialect;
+use program::{AxisSetup, Piece, Program, ProgramError, Progress, Reading, Setup, interpret};
 use proptest::prelude::*;
+use std::sync::Arc;
 
-fn machines() -> [Setup; 2] {
+fn machines() -> [Setup; 3] {
     let mut five = mill(100.0);
     five.work_offset = at(&[1.5, -2.25, 0.1]);
     for letter in ['A', 'U'] {
@@ -16,7 +18,12 @@ fn machines() -> [Setup; 2] {
             modulo: false,
         });
     }
-    [mill(1e9), five]
+    let fanuc = Setup {
+        dialect: Dialect::Fanuc,
+        answers_assumed: true,
+        ..five.clone()
+    };
+    [mill(1e9), five, fanuc]
 }
 
 fn check(result: Result<Program, ProgramError>, setup: &Setup) -> Result<(), TestCaseError> {
@@ -68,6 +75,77 @@ fn word() -> impl Strategy<Value = String> {
         code.prop_map(str::to_owned),
         (letter, value).prop_map(|(letter, value)| format!("{letter}{value}"))
     ]
+}
+
+/// Lines of Fanuc's language that mostly mean something.
+fn fanuc_line() -> impl Strategy<Value = String> {
+    let small = || 0i32..6;
+    let line = prop::sample::select(vec![
+        "O1",
+        "O2 (SUB)",
+        ":3",
+        "M98 P2 L2",
+        "M98 P20002",
+        "M99",
+        "M99 P5",
+        "M97 P5",
+        "G65 P2 A1. X2. I3. I4.",
+        "G66 P3 Z-1.",
+        "G67",
+        "N5",
+        "N6 G1 X1. F100",
+        "GOTO 5",
+        "IF [#1 LT 3] GOTO 5",
+        "IF[#2EQ#0]THEN#2=1",
+        "WHILE [#1 LT 4] DO1",
+        "DO2",
+        "END1",
+        "END2",
+        "#1=#1+1",
+        "#2=#0",
+        "#3=#5001+ATAN[#1]/[2]",
+        "#5221=#3",
+        "#7001=1.5",
+        "#3000=1 (A)",
+        "#3006=1 (B)",
+        "#2001=#2001+1",
+        "G68 X1. Y2. R30.",
+        "G69",
+        "G54.1 P1",
+        "G54",
+        "G10 L20 P1 X1. Y2.",
+        "G10 L2 P1 X1.",
+        "G16",
+        "G15",
+        "G31 Z-2. F50",
+        "G1 X5. ,R1. F100",
+        "X5. Y5. ,C.5",
+        "G0 Y3.",
+        "G91",
+        "G90",
+        "G28 X0",
+        "G0 G28 G91 Z0",
+        "G81 Z-1. R1. K0 F100",
+        "G83 Z-5. R1. Q1. X3.",
+        "G84 Z-1. R1. S100",
+        "G80",
+        "G4 P10",
+        "G2 X3. Y0 R4.",
+        "G41 D1 X9.",
+        "G40 X0",
+        "G187 P1",
+        "T1 M6",
+        "G43 H1 Z9.",
+        "G20",
+        "G21",
+        "M30",
+        "%",
+    ]);
+    (line, small(), small()).prop_map(|(line, from, to)| match from {
+        0 => line.replace(&to.to_string(), &format!("#{to}")),
+        1 => line.replace(&to.to_string(), "["),
+        _ => line.to_owned(),
+    })
 }
 
 /// Blocks that mostly run: arcs with consistent ends, in every plane.
@@ -139,6 +217,32 @@ proptest! {
         let text: String = lines.iter().map(|words| words.join(" ") + "\n").collect();
         for setup in machines() {
             check(interpret("fuzz", &text, &setup, at(&[0.5])), &setup)?;
+        }
+    }
+
+    #[test]
+    fn random_programs_of_fanuc_never_break_the_interpreter(lines in prop::collection::vec(fanuc_line(), 0..25)) {
+        // Its loops may go on for ever: only some thousand blocks are read.
+        let text = lines.join("\n");
+        let setup = Arc::new(machines()[2].clone());
+        let mut reading = Reading::of_text("fuzz", &text, &setup, at(&[0.5])).unwrap();
+        let mut piece = Piece::default();
+        let mut end = at(&[0.5]);
+        for _ in 0..20 {
+            let progress = reading.read(100, &mut piece);
+            for element in piece.elements.drain(..) {
+                prop_assert!(element.shape.is_finite());
+                prop_assert!((element.start() - end).norm() < 1e-5, "{text}");
+                end = element.end();
+            }
+            match progress {
+                Ok(Progress::More) => {}
+                Ok(_) => break,
+                Err(error) => {
+                    prop_assert!(!error.to_string().is_empty());
+                    break;
+                }
+            }
         }
     }
 

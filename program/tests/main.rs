@@ -7,6 +7,7 @@ mod common;
 mod curves_and_threads;
 mod cycles;
 mod diameters;
+mod fanuc;
 mod foreign_programs;
 mod fuzz;
 #[path = "../../lab/src/linuxcnc/generate.rs"]

@@ -1,7 +1,7 @@
 //! Program flow: what an O-word does to the line that comes next.
 
 use super::Execution;
-use crate::flow::{FlowWord, Keyword, label_of, shown_flow};
+use crate::flow::{ARGUMENTS_MAX, FlowWord, Keyword, label_of, shown_flow};
 use crate::frames::{Frame, Loop, LoopKind, Pass};
 use crate::program::ProgramEnd;
 use crate::reader::Word;
@@ -25,7 +25,7 @@ impl Execution {
         let value = flow.values.first().copied().unwrap_or(0.0);
         let without = |keyword: Keyword| without(flow, keyword);
         match flow.keyword {
-            Keyword::Number => {}
+            Keyword::Number => self.begins_program(flow)?,
             Keyword::Sub => {
                 self.is_only(flow, index)?;
                 let ends = [Keyword::EndSub];
@@ -125,7 +125,10 @@ impl Execution {
     }
 
     fn begin(&mut self, flow: &FlowWord, kind: LoopKind) {
-        self.interpreter.frames.here().loops.push(Loop {
+        let loops = &mut self.interpreter.frames.here().loops;
+        // A loop of Fanuc's language that a GOTO has left begins again.
+        loops.retain(|of| of.label != flow.label || !of.label.starts_with("DO"));
+        loops.push(Loop {
             label: flow.label.clone(),
             pass: Pass {
                 at: self.here,
@@ -259,11 +262,17 @@ impl Execution {
         }
         self.enter(&flow.label, begin, flow.offset)?;
         self.interpreter.frames.here().arguments = true;
-        self.interpreter.pass(&flow.values);
+        let values = flow.values.iter().copied().chain(std::iter::repeat(0.0));
+        self.interpreter.pass(values.map(Some).take(ARGUMENTS_MAX));
         Ok(())
     }
 
-    fn enter(&mut self, label: &str, begin: Label, offset: usize) -> Result<(), Refusal> {
+    pub(super) fn enter(
+        &mut self,
+        label: &str,
+        begin: Label,
+        offset: usize,
+    ) -> Result<(), Refusal> {
         if self.interpreter.frames.called.len() >= DEPTH_MAX {
             let found = format!("subroutines called {DEPTH_MAX} deep");
             let right = "a subroutine that calls itself must come to an end";
@@ -280,7 +289,17 @@ impl Execution {
     }
 
     /// Returns from a subroutine; false if none was called.
-    fn leave(&mut self, returned: Option<f64>) -> bool {
+    pub(super) fn leave(&mut self, returned: Option<f64>) -> bool {
+        if let Some(frame) = self.interpreter.frames.called.last_mut()
+            && frame.repeats > 1
+            && let Some((at, behind)) = frame.begin
+        {
+            frame.repeats -= 1;
+            frame.loops.clear();
+            self.within = at;
+            self.next = behind;
+            return true;
+        }
         let Some(frame) = self.interpreter.leave(returned) else {
             return false;
         };

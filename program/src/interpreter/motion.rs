@@ -1,6 +1,6 @@
 //! The motion of a block: which of its words moves, and by which way the route goes on.
 
-use path::geometry::Shape;
+use path::geometry::{AxisVector, Shape};
 
 use super::{Done, Group, Interpreter, Words, base, refuse};
 use crate::codes::shown_code;
@@ -69,6 +69,13 @@ impl Interpreter {
             _ => {}
         }
         let target = self.state.target(words)?;
+        self.state.owe(AxisVector::zeros());
+        if motion == Motion::Line
+            && let Some(of_corner) = self.corner.take()
+        {
+            let (corner, ahead) = &*of_corner;
+            return self.round_corner(cause, target, *corner, ahead);
+        }
         if let Motion::Probe(number) = motion {
             return self.probe(cause, target, number);
         }
@@ -175,6 +182,9 @@ impl Interpreter {
             return Ok(());
         };
         let block = self.drilling.block(&self.state, cause, cycle)?;
+        if self.drilling.only_keeps {
+            return Ok(());
+        }
         let feed = self.state.feed(self.state.position(), cause.offset)?;
         let output = &self.route.output;
         output.check_room(block.steps_max(), cause.offset)?;

@@ -1,11 +1,24 @@
 //! What parameters are worth: those that were set, and those that tell of the program.
 
+use machine::Dialect;
+
 use super::{Interpreter, Refusal, refuse};
 use crate::expression::{Lookup, Target};
+use crate::fanuc::Variable;
 use crate::parameters::{base, check_settable};
 
 impl Lookup for Interpreter {
+    fn dialect(&self) -> Dialect {
+        self.state.equipment().dialect
+    }
+
     fn numbered(&self, number: u32) -> Result<f64, Refusal> {
+        if self.is_fanuc() {
+            return match self.variable(number) {
+                Err(_) if !self.state_known => Ok(0.0),
+                value => value,
+            };
+        }
         if (base::POSITION..base::POSITION + 9).contains(&number) {
             let letter = (number - base::POSITION) as usize;
             return Ok(self.state.position_of(letter));
@@ -30,6 +43,9 @@ impl Lookup for Interpreter {
 
     fn check_settable(&self, target: &Target) -> Result<(), Refusal> {
         match target {
+            Target::Numbered(number) if self.is_fanuc() => {
+                Variable::of(*number)?.check_settable(*number)
+            }
             Target::Numbered(number) => check_settable(*number),
             // LinuxCNC has no such names.
             Target::Named(name) if matches!(name.as_str(), "_control_mode" | "_path_control") => {

@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use machine::Dialect;
+
 use super::feeds::{dwell_right, is_dwell};
 use super::{Acts, AxisVector, Cause, EventKind, Feed, Refusal, State, Words, refuse};
 use crate::cycles::{Cycle, CycleBlock, Level, Levels, PECKS_MAX, Series, Step, Turning, Wait};
@@ -18,6 +20,9 @@ const REPEATS_MAX: f64 = 10_000.0;
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub struct Drilling {
     series: Option<Series>,
+    /// L0 in Fanuc's language: the words of the block are kept, and no hole is drilled.
+    #[serde(skip)]
+    pub only_keeps: bool,
 }
 
 impl Drilling {
@@ -64,7 +69,8 @@ impl State {
         let steps = block.steps();
         let mut acts = Acts(Vec::with_capacity(steps.len() + 1));
         let returns_higher = block.series.initial_mm > block.levels.r_mm;
-        if !self.in_force.return_was_said && returns_higher {
+        let says = !self.in_force.return_was_said && self.equipment.dialect == Dialect::LinuxCnc;
+        if says && returns_higher {
             acts.note(RETURN_HEIGHT);
         }
         let mut tapping = false;

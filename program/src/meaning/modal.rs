@@ -77,7 +77,10 @@ impl State {
                 Some(_) => "G43.4".to_owned(),
                 None => either(self.applies_offset(), "G43", "G49"),
             },
-            offset.copied().unwrap_or("G54").to_owned(),
+            match self.more_work {
+                Some(number) => format!("G54.1 P{number}"),
+                None => offset.copied().unwrap_or("G54").to_owned(),
+            },
             shown('G', f64::from(modes.path_control)),
             either(modes.incremental, "G91", "G90"),
             modes.feed_mode.to_string(),
@@ -89,6 +92,9 @@ impl State {
         }
         if self.plane.is_some() {
             codes.push("G68.2".to_owned());
+        }
+        if self.offsets.is_turned_about() {
+            codes.push("G68".to_owned());
         }
         if self.parameters.get(base::G92_APPLIES) != 0.0 {
             codes.push("G92".to_owned());

@@ -2,6 +2,9 @@
 
 use super::{AxisVector, Cause, Group, Refusal, State, Words, base, refuse};
 
+/// The first parameter of the offsets of G54.1: twenty for each, in the order of those of G54.
+pub const MORE_WORK: u32 = 14_001;
+
 impl State {
     /// The first work offset is the machine's, unless a program before has kept another one.
     pub(super) fn set_first_offsets(&mut self) {
@@ -44,7 +47,58 @@ impl State {
 
     /// The first parameter of the work offset in force.
     fn work_base(&self) -> u32 {
-        base::G54 + 20 * self.work_offset() as u32
+        match self.more_work {
+            Some(number) => MORE_WORK + 20 * (number - 1),
+            None => base::G54 + 20 * self.work_offset() as u32,
+        }
+    }
+
+    /// The offset of G54.1 in force, from 1.
+    pub fn more_work(&self) -> Option<u32> {
+        self.more_work
+    }
+
+    /// Puts an offset of G54.1 in force, from 1.
+    pub fn choose_more_work(&mut self, number: Option<u32>) {
+        self.more_work = number;
+        self.take_offsets();
+    }
+
+    /// Sets a work offset along an axis, to a value in the unit of the program: the group that begins with this parameter, and the index
+    /// of the axis' letter.
+    pub fn set_offset_along(&mut self, first: u32, letter: u32, axis: usize, value: f64) {
+        let unit = self.unit_of(axis);
+        self.parameters.set(first + letter, value * unit);
+        if first == self.work_base() {
+            self.take_offsets();
+        }
+    }
+
+    /// G68: turns what the program says about a centre, each coordinate in the unit of the program or that of the tool, by an angle in
+    /// degrees; both may count from those in force. None ends that.
+    pub fn turn_about(&mut self, turn: Option<([Option<f64>; 2], f64, bool)>) {
+        let Some((centre, angle_deg, incremental)) = turn else {
+            self.offsets.turn_about(None);
+            return;
+        };
+        let Some((x, y)) = self.offsets.turned_axes() else {
+            return;
+        };
+        let here = self.offsets.in_program(&self.position);
+        let before_deg = self.offsets.turned_about_deg();
+        let place = |given: Option<f64>, axis: usize| {
+            let here = here.get(axis).copied().unwrap_or(0.0);
+            let g92 = self.offsets.g92().get(axis).copied().unwrap_or(0.0);
+            let place = match given.map(|given| given * self.unit_of(axis)) {
+                Some(step) if incremental => here + step,
+                Some(place) => place,
+                None => here,
+            };
+            place + g92
+        };
+        let centre_mm = [place(centre[0], x), place(centre[1], y)];
+        let angle_deg = angle_deg + if incremental { before_deg } else { 0.0 };
+        self.offsets.turn_about(Some((centre_mm, angle_deg)));
     }
 
     /// Takes the work offset in force from the parameters.
@@ -64,6 +118,7 @@ impl State {
 
     /// Names the work offset of a code in the parameter for the one in force.
     pub(super) fn set_work_offset_of(&mut self, code: u32) {
+        self.more_work = None;
         let system = match code {
             591..=593 => code - 584,
             _ => code / 10 - 53,

@@ -63,7 +63,7 @@ impl State {
     }
 
     /// The axes of the plane: both slides.
-    pub(super) fn plane_axes(&self, offset: usize) -> Result<[usize; 2], Refusal> {
+    pub fn plane_axes(&self, offset: usize) -> Result<[usize; 2], Refusal> {
         let (plane, letters, _) = self.in_force.plane;
         let [first, second] = letters;
         let letter = match letters.map(|letter| self.equipment.slide(letter)) {
@@ -130,6 +130,14 @@ impl State {
 
     /// The same of plain axis words.
     fn plain_target(&self, words: &Words) -> AxisVector {
+        let target = self.target_from_here(words);
+        match self.in_force.incremental {
+            true => target + self.owed,
+            false => target,
+        }
+    }
+
+    fn target_from_here(&self, words: &Words) -> AxisVector {
         if self.offsets.is_turned() {
             return self.turned_target(words);
         }

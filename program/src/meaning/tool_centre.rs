@@ -101,8 +101,13 @@ impl State {
         Ok(())
     }
 
+    /// Whether a tilted plane is in force.
+    pub fn is_tilted(&self) -> bool {
+        self.plane.is_some()
+    }
+
     /// Another plane, or none (G69).
-    pub(super) fn change_plane(&mut self, plane: Option<TiltedPlane>) {
+    pub fn change_plane(&mut self, plane: Option<TiltedPlane>) {
         self.plane = plane;
         if let Some(axes) = self.axes {
             self.find_tip(&axes);

@@ -171,6 +171,40 @@ impl State {
         Ok(())
     }
 
+    /// Length along Z, or radius, of a tool of the table, in mm.
+    pub fn tool_value(&self, number: u32, is_radius: bool) -> Result<f64, Refusal> {
+        let Some(tool) = self.tools.find(number) else {
+            return no_tool(number);
+        };
+        Ok(match is_radius {
+            true => tool.diameter / 2.0,
+            false => tool.offset.get(2).copied().unwrap_or(0.0),
+        })
+    }
+
+    /// Sets length along Z, or radius, of a tool of the table, to a value in the unit of the program.
+    pub fn set_tool_value(
+        &mut self,
+        number: u32,
+        is_radius: bool,
+        value: f64,
+    ) -> Result<(), Refusal> {
+        let Some(mut changed) = self.tools.find(number).cloned() else {
+            return no_tool(number);
+        };
+        let value_mm = value * self.in_force.unit_mm();
+        if is_radius {
+            changed.diameter = 2.0 * value_mm;
+        } else if let Some(z) = changed.offset.get_mut(2) {
+            *z = value_mm;
+        }
+        self.tools.put(&changed);
+        if number == self.tools.in_spindle {
+            self.show_tool_parameters();
+        }
+        Ok(())
+    }
+
     /// Where the machine is, counted from the work offset in force (L10) or from G59.3 (L11), as if no tool had a length.
     fn place_without_tool(&self, how: u32) -> AxisVector {
         if how == 11 {
@@ -179,4 +213,14 @@ impl State {
         let offsets = &self.offsets;
         offsets.turned_back(self.position - offsets.work()) - offsets.g92()
     }
+}
+
+/// Refuses a tool that the table does not have.
+fn no_tool<T>(number: u32) -> Result<T, Refusal> {
+    let right = "the number of a tool of the tool table";
+    refuse(
+        0,
+        format!("an offset of tool {number}, which the tool table does not have"),
+        right,
+    )
 }
