@@ -12,12 +12,15 @@ use crate::settings_file::{From, Rules};
 mod axis;
 mod fieldbus;
 mod gantry;
+mod geometry;
 mod kinematics;
 mod model;
 mod processes;
 mod reversal;
 mod signals;
 mod weight;
+
+pub use geometry::judge as judge_geometry;
 
 /// Checks every rule of the machine file.
 pub fn judge(rules: &mut Rules<'_>, machine: &Machine) {
@@ -51,6 +54,7 @@ pub fn judge(rules: &mut Rules<'_>, machine: &Machine) {
         reversal::judge(rules, machine, axis, at);
         model::judge(rules, machine, axis, at);
     }
+    geometry::judge(rules, machine);
 }
 
 fn cell(rules: &mut Rules<'_>, machine: &Machine) {
