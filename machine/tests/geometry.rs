@@ -164,12 +164,12 @@ fn guideways_name_two_slides_of_the_machine_each_pair_once() {
 
 #[test]
 fn corrections_that_would_take_an_axis_beyond_its_limits_are_refused_together() {
-    // A saw of ±20 µm every 40 mm: kinks of 2 µm/mm, at 250 mm/s 25 mm/s² behind a gain of 50/s.
+    // A saw of ±20 µm every 40 mm: kinks of 2 µm/mm, at 250 mm/s twice 25 mm/s² behind a gain of 50/s.
     let saw = table("[-80, -40, 0, 40, 80]", "[-20, 20, -20, 20, -20]", "[]");
     let slow = axis("X", &saw).replace("= 5000.0", "= 500.0");
     let said = refusal(&format!("{HEAD}{slow}{}", axis("Y", "")));
     assert!(
-        said.contains("axis X is corrected with up to 25.5 mm/s² (compensation, squareness and straightness together): at most 5 %"),
+        said.contains("axis X is corrected with up to 50.5 mm/s² (compensation, squareness and straightness together): at most 5 %"),
         "{said}"
     );
     let creeping = axis("X", "").replace("rapid_mm_s = 250.0", "rapid_mm_s = 20.0");

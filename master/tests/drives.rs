@@ -557,7 +557,8 @@ fn positions_are_shown_true_from_the_first_feedback_and_the_drive_is_so_much_slo
         (100_005_000, 100_000_000)
     );
     assert_eq!(x.command_position, x.motor_position);
-    for _ in 0..10 {
+    // Smoothed over 1/Kp, 20 scans.
+    for _ in 0..400 {
         bench.scan_at(SPEED_MM_S);
     }
     let (motor_mm_s, slower_mm_s) = (bench.drive(0).shown.velocity_mm_s, SPEED_MM_S * 50e-6);
@@ -589,7 +590,8 @@ fn an_axis_creeps_to_its_true_place_once_the_axis_that_leans_is_homed() {
             (-1e-6..=most_mm).contains(&step_mm),
             "{step_mm} mm in a scan"
         );
-        assert!(now.motor_position.abs() as f64 * 1e-6 <= most_mm);
+        // What comes later than the correction, smoothed over 20 scans, is the loop's to make good; these servos have none.
+        assert!(now.motor_position.abs() as f64 * 1e-6 <= 20.0 * most_mm);
         assert_eq!(now.command_position, 0);
         creeps += u32::from(step_mm > 0.0);
     }

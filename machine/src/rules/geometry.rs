@@ -1,8 +1,9 @@
 //! Rules of `[axis.compensation]`, `[[squareness]]` and `[[straightness]]`: tables are whole and level enough for the axes' limits.
 //!
 //! Setpoints are true places, and the limits of an axis are of them. Its motor moves as they do, less what it is corrected by: by slope ·
-//! speed, and slope · acceleration, of the axis that the correction depends on, and at a kink by what the position loop makes of it,
-//! Kp · change of slope · speed. Both are kept so small that they are within the margin that a motor has above its limits anyway.
+//! speed, and slope · acceleration, of the axis that the correction depends on. At a kink its position loop and the part that is fed
+//! forward, late by 1/Kp, each add Kp · change of slope · speed at most. All of it is kept so small that it is within the margin that a
+//! motor has above its limits anyway.
 
 use crate::axis::Axis;
 use crate::axis_kind::AxisKind;
@@ -275,7 +276,7 @@ fn limits(rules: &mut Rules<'_>, machine: &Machine) {
             };
             let steep = term.errors.steepness();
             speed_mm_s += steep.slope * from.rapid_mm_s;
-            let kink_mm_s2 = axis.position_loop.gain_per_s * steep.kink * from.rapid_mm_s;
+            let kink_mm_s2 = 2.0 * axis.position_loop.gain_per_s * steep.kink * from.rapid_mm_s;
             acceleration_mm_s2 += steep.slope * from.acceleration_mm_s2 + kink_mm_s2;
         }
         let unit = axis.kind.unit();

@@ -44,7 +44,7 @@ pub(super) struct AxisUnit {
     offset: i64,
     /// What its drive shows too little of its true place: errors of screw, scale and guideways.
     correction: Correction,
-    /// How fast that of the motor changes, in mm/s: its drive, which knows nothing of it, is to be so much slower.
+    /// How fast that of the motor changes, in mm/s, smoothed over 1/Kp: its drive, which knows nothing of it, is to be so much slower.
     correction_mm_s: f64,
     /// Whether its positions are those of the machine.
     reference: Reference,
@@ -136,8 +136,12 @@ impl AxisUnit {
     pub fn correct_by(&mut self, errors: Correction, most_mm: Option<f64>, scan_s: f64) {
         let before = self.correction;
         self.correction = most_mm.map_or(errors, |most_mm| before.towards(errors, most_mm));
-        let change_mm = self.correction.motor_mm - before.motor_mm;
-        self.correction_mm_s = most_mm.map_or(0.0, |_| change_mm / scan_s);
+        let now_mm_s = (self.correction.motor_mm - before.motor_mm) / scan_s;
+        // A step at a kink would be an acceleration that nobody has planned.
+        let share = (self.settings.position_loop.gain_per_s * scan_s).min(1.0);
+        self.correction_mm_s = most_mm.map_or(0.0, |_| {
+            self.correction_mm_s + (now_mm_s - self.correction_mm_s) * share
+        });
     }
 
     /// Whether no servo closes its loop.
