@@ -22,6 +22,7 @@ mod foreign_drives;
 mod full_disk;
 mod fuzz_seeds;
 mod gantry;
+mod geometry;
 mod given_up;
 mod greatest_errors;
 mod held_locks;

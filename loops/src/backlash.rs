@@ -54,6 +54,11 @@ impl Backlash {
         state.compensation_mm = f64::from(state.direction) * self.step_mm / 2.0;
         reversed
     }
+
+    /// Where the axis is now, lost motion is this much more than the step, in mm: `compensation = direction · (step + more)/2`.
+    pub fn vary(&self, state: &mut BacklashState, more_mm: f64) {
+        state.compensation_mm = f64::from(state.direction) * (self.step_mm + more_mm) / 2.0;
+    }
 }
 
 #[cfg(test)]
@@ -87,6 +92,17 @@ mod tests {
                 (true, 1, 0.004)
             ]
         );
+    }
+
+    #[test]
+    fn lost_motion_that_differs_by_place_is_compensated_in_the_direction_of_the_command() {
+        let backlash = Backlash { step_mm: 0.008 };
+        let mut state = BacklashState::default();
+        for (direction, compensation_mm) in [(0, 0.0), (1, 0.006), (-1, -0.006)] {
+            state.direction = direction;
+            backlash.vary(&mut state, 0.004);
+            assert!((state.compensation_mm - compensation_mm).abs() < 1e-12);
+        }
     }
 
     #[test]

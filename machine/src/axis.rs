@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 use crate::axis_kind::AxisKind;
 use crate::fieldbus::AxisDrive;
 use crate::gantry::{Gantry, SECOND_MOTOR};
+use crate::geometry::AxisCompensation;
 use crate::homing::{Homing, HomingMethod, INDEX_TURNS, JOG_ACCELERATION_SHARE};
 use crate::loops::{FeedForward, PositionLoop, Prediction, VelocityLoop};
 use crate::model::{Adaptation, AxisModel, DisturbanceObserver, TorqueFeedForward};
@@ -85,6 +86,8 @@ pub struct Axis {
     pub limit_switches: Option<LimitSwitches>,
     /// This is the second motor of an axis that two motors drive ([how](../howto/gantry.md)). Such axes come last in the file.
     pub gantry: Option<Gantry>,
+    /// Errors of its screw or scale, which are corrected ([how](../howto/geometry.md)). Without this table it has none.
+    pub compensation: Option<AxisCompensation>,
     /// Weight that pulls the axis ([how](../howto/vertical-axis.md)). Without this table none does.
     pub gravity: Option<Gravity>,
     /// The holding brake of its motor. Without this table it has none.
@@ -215,9 +218,12 @@ impl Axis {
         outside <= window
     }
 
-    /// The most that an axis in position may be off by its feedback, in µm: its window and its backlash.
+    /// The most that an axis in position may be off by its feedback, in µm: its window and its backlash, with what a table of errors
+    /// adds to that.
     pub fn in_position_window_um(&self) -> f64 {
-        self.in_position_um + self.reversal.backlash_um
+        let lost = self.compensation.as_ref().and_then(|of| of.lost_motion());
+        let lost_um = lost.map_or(0.0, |lost| lost.largest_mm() * 1e3);
+        self.in_position_um + self.reversal.backlash_um + lost_um
     }
 
     /// Axis units per increment, in mm.

@@ -16,9 +16,12 @@ mod axis_kind;
 mod beginning;
 mod begins_with;
 mod dialect;
+mod error_file;
 mod fieldbus;
 mod gantry;
 mod gantry_pair;
+mod geometry;
+mod geometry_terms;
 mod homing;
 mod interpolation;
 mod kept;
@@ -65,6 +68,10 @@ pub use fieldbus::{
 };
 pub use gantry::{Gantry, SECOND_MOTOR};
 pub use gantry_pair::GantryPair;
+pub use geometry::{
+    AxisCompensation, ERROR_POINTS_MAX, ErrorTable, GeometryTerm, Squareness, Steepness,
+    Straightness,
+};
 pub use homing::{Homing, HomingDirection, HomingMethod, INDEX_TURNS, JOG_ACCELERATION_SHARE};
 pub use interpolation::{Interpolation, StraightLines, WithinPeriod};
 pub use kept::{KeptTexts, OFFSETS_FILE, TOOLS_FILE, keep_tool, update_offsets, update_tools};

@@ -2,17 +2,19 @@
 
 use std::path::{Path, PathBuf};
 
-use toml_edit::{DocumentMut, Item, TableLike, value};
+use toml_edit::{Array, DocumentMut, Item, TableLike, value};
 
 use crate::axis::ENDLESS_DEG;
+use crate::axis_kind::AxisKind;
 use crate::beginning::Beginning;
+use crate::error_file::read_errors;
 use crate::kept::KeptTexts;
 use crate::kept_files::KeptFiles;
 use crate::machine::Machine;
 use crate::parameter_file::parse_parameters;
 use crate::renamed::RENAMED;
 use crate::rules;
-use crate::settings_file::{self, Schema, SettingsFileError, read_text};
+use crate::settings_file::{self, Rules, Schema, SettingsFileError, read_text};
 use crate::tool_table::parse_tools;
 use crate::transmission;
 
@@ -24,8 +26,14 @@ impl Machine {
     /// value, unit and what would be right.
     pub fn load(path: &Path) -> Result<Machine, SettingsFileError> {
         let path = machine_file(path);
-        let mut machine = Self::parse(&path.display().to_string(), &read_text(&path)?)?;
+        let (name, text) = (path.display().to_string(), read_text(&path)?);
+        let mut machine = Self::parse(&name, &text)?;
         let folder = path.parent().unwrap_or(Path::new(""));
+        if machine.read_error_files(folder)? {
+            let mut rules = Rules::of(&name, &text);
+            rules::judge_geometry(&mut rules, &machine);
+            rules.judge()?;
+        }
         let files = KeptFiles::of(&machine, &path);
         if !machine.program.tool_table.is_empty() && files.tools.is_none() {
             let table = folder.join(&machine.program.tool_table);
@@ -71,6 +79,23 @@ impl Machine {
             copy_file(&from.join(file), &to.join(file))?;
         }
         Ok(())
+    }
+
+    /// Reads the tables of errors that axes have in files of their own; whether there are any.
+    fn read_error_files(&mut self, folder: &Path) -> Result<bool, SettingsFileError> {
+        let mut read = false;
+        for axis in &mut self.axes {
+            let of = axis.compensation.as_mut();
+            let Some(of) = of.filter(|of| !of.file.is_empty()) else {
+                continue;
+            };
+            of.read_from = std::mem::take(&mut of.file);
+            let path = folder.join(&of.read_from);
+            let name = path.display().to_string();
+            read_errors(&name, &read_text(&path)?, axis.kind, of)?;
+            read = true;
+        }
+        Ok(read)
     }
 
     /// Checks the text of a machine file; `name` is in the messages. A tool table or parameters in a
@@ -170,7 +195,8 @@ pub fn snapshot(path: &Path) -> Result<String, SettingsFileError> {
     };
     set_kept(&mut document, &kept);
     let folder = path.parent().unwrap_or(Path::new(""));
-    let changed = name_logic_folder(&mut document, folder);
+    let mut changed = name_logic_folder(&mut document, folder);
+    changed |= put_errors_in(&mut document, &machine);
     if !document.contains_key("program") {
         return Ok(if changed { document.to_string() } else { text });
     }
@@ -208,7 +234,41 @@ fn name_logic_folder(document: &mut DocumentMut, from: &Path) -> bool {
     true
 }
 
-/// Copies what a machine file names, tool table, parameters and drive files, into the folder of a copy of it, if it is named from the file's folder.
+/// Tables of errors stand in a copy, whatever file they were read from; whether any does.
+fn put_errors_in(document: &mut DocumentMut, machine: &Machine) -> bool {
+    let axes = document
+        .get_mut("axis")
+        .and_then(Item::as_array_of_tables_mut);
+    let mut changed = false;
+    let tables = axes.into_iter().flat_map(|axes| axes.iter_mut());
+    for (table, axis) in tables.zip(&machine.axes) {
+        let entry = table
+            .get_mut("compensation")
+            .and_then(Item::as_table_like_mut);
+        let Some((entry, of)) = entry.zip(axis.compensation.as_ref()) else {
+            continue;
+        };
+        if entry.remove("file").is_none() {
+            continue;
+        }
+        changed = true;
+        let [at, there, back] = match axis.kind {
+            AxisKind::Linear => ["positions_mm", "forward_um", "backward_um"],
+            AxisKind::Rotary => ["positions_deg", "forward_mdeg", "backward_mdeg"],
+        };
+        for (key, list) in [
+            (at, &of.positions_mm),
+            (there, &of.forward_um),
+            (back, &of.backward_um),
+        ] {
+            let list: Array = list.iter().copied().collect();
+            entry.insert(key, value(list));
+        }
+    }
+    changed
+}
+
+/// Copies what a machine file names, tool table, parameters, tables of errors and drive files, into the folder of a copy of it, if it is named from the file's folder.
 ///
 /// # Errors
 /// A machine file that cannot be used, or a file that cannot be copied.
@@ -217,8 +277,13 @@ pub fn copy_named_files(path: &Path, folder: &Path) -> Result<(), SettingsFileEr
     let machine = Machine::load(&path)?;
     let beside = path.parent().unwrap_or(Path::new(""));
     machine.copy_drive_files(beside, folder)?;
+    let errors = machine
+        .axes
+        .into_iter()
+        .filter_map(|axis| axis.compensation);
     let program = machine.program;
-    let named = [program.tool_table, program.parameter_file];
+    let named = [program.tool_table, program.parameter_file].into_iter();
+    let named: Vec<String> = named.chain(errors.map(|of| of.read_from)).collect();
     let here = |name: &&String| !name.is_empty() && !Path::new(name).is_absolute();
     for name in named.iter().filter(here) {
         let from = beside.join(name);

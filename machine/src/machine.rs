@@ -14,6 +14,7 @@ use crate::axis::Axis;
 use crate::beginning::Beginning;
 use crate::dialect::{DecimalPoint, Dialect};
 use crate::fieldbus::{AxisDrive, Fieldbus};
+use crate::geometry::{Squareness, Straightness};
 use crate::interpolation::Interpolation;
 use crate::kept_files::KeptFiles;
 use crate::kinematics::Kinematics;
@@ -83,6 +84,12 @@ pub struct Machine {
     #[serde(rename = "axis")]
     #[schemars(length(min = 1, max = MAX_AXES))]
     pub axes: Vec<Axis>,
+    /// Angles between two axes that are no right ones, and are corrected ([how](../howto/geometry.md)); at most 16.
+    #[schemars(extend("default" = []))]
+    pub squareness: Vec<Squareness>,
+    /// Guideways that are not straight, and are corrected; at most 16.
+    #[schemars(extend("default" = []))]
+    pub straightness: Vec<Straightness>,
     /// The tools that `program.tool_table` or `program.tools` names.
     #[serde(skip)]
     pub tools: Vec<Tool>,

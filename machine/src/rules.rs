@@ -12,6 +12,7 @@ use crate::settings_file::{From, Rules};
 mod axis;
 mod fieldbus;
 mod gantry;
+mod geometry;
 mod kinematics;
 mod model;
 mod processes;
@@ -19,6 +20,8 @@ mod reversal;
 mod rotary_lines;
 mod signals;
 mod weight;
+
+pub use geometry::judge as judge_geometry;
 
 /// Checks every rule of the machine file.
 pub fn judge(rules: &mut Rules<'_>, machine: &Machine) {
@@ -53,6 +56,7 @@ pub fn judge(rules: &mut Rules<'_>, machine: &Machine) {
         reversal::judge(rules, machine, axis, at);
         model::judge(rules, machine, axis, at);
     }
+    geometry::judge(rules, machine);
 }
 
 fn cell(rules: &mut Rules<'_>, machine: &Machine) {

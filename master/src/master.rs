@@ -24,6 +24,7 @@ mod coupling;
 mod drive_place;
 mod emergency_stop;
 mod gantry;
+mod geometry;
 mod hand;
 mod handwheel;
 mod homing;
@@ -54,6 +55,7 @@ use axes::Axes;
 use axis_unit::AxisUnit;
 pub use beginning::Beginning;
 use gantry::Gantries;
+use geometry::Geometry;
 pub use inner::{Inner, InnerAxis};
 use losses::Losses;
 use manual::Manual;
@@ -75,6 +77,8 @@ pub struct Master<D> {
     axes: Axes,
     /// Axes with two motors.
     gantries: Gantries,
+    /// What drives show wrongly of true places.
+    geometry: Geometry,
     windows: WindowArbiter,
     modes: Modes,
     switching_on: SwitchingOn,
@@ -118,7 +122,9 @@ impl<D: Drives> Master<D> {
         enabled: bool,
         run_end: RunEnd,
     ) -> Master<D> {
-        let axes = Axes::new(machine, &drives);
+        let mut axes = Axes::new(machine, &drives);
+        let geometry = Geometry::new(machine);
+        geometry.begin(&mut axes);
         let mut master = Master {
             scan: first_scan,
             timing: Timing {
@@ -132,6 +138,7 @@ impl<D: Drives> Master<D> {
             drive_commands: vec![DriveCommand::Disabled; axes.len()],
             axes,
             gantries: Gantries::new(machine),
+            geometry,
             windows: WindowArbiter::new(),
             modes: Modes::new(machine, run_end),
             switching_on: SwitchingOn::default(),
@@ -251,10 +258,10 @@ impl<D: Drives> Master<D> {
             .machine_codes
             .take(self.signals.code_is_done());
         let from = self.axes.on_path(program_position);
+        self.take_drives();
         let taken = self.timing.subsamples as usize;
-        let axes = self.axes.iter_mut().zip(&self.drive_commands).enumerate();
+        let axes = self.axes.iter().zip(&self.drive_commands).enumerate();
         for ((index, (axis, command)), seen) in axes.zip(&mut self.seen.axes) {
-            axis.take_drive(self.drives.feedback(index));
             let samples = self.drives.instruments(index);
             let samples = samples.get(..taken).unwrap_or(samples);
             let places = seen.table_mm.iter_mut().zip(&mut seen.motor_mm);
@@ -279,6 +286,14 @@ impl<D: Drives> Master<D> {
         let out = &mut self.seen;
         (out.motion_digest_high, out.motion_digest_low) = self.digest.end();
         out
+    }
+
+    /// Takes what the drives show.
+    fn take_drives(&mut self) {
+        for (index, axis) in self.axes.iter_mut().enumerate() {
+            axis.take_drive(self.drives.feedback(index));
+        }
+        self.geometry.correct(&mut self.axes, self.modes.mode());
     }
 
     /// Which brakes are open in this scan; an axis whose brake is on its way gets what its drive is to do meanwhile.
@@ -535,9 +550,7 @@ impl<D: Drives> Master<D> {
             return;
         }
         self.drives.stalled();
-        for (index, axis) in self.axes.iter_mut().enumerate() {
-            axis.take_drive(self.drives.feedback(index));
-        }
+        self.take_drives();
         self.trip(Cause::Stalled, u32::MAX);
     }
 

@@ -526,3 +526,77 @@ fn an_axis_that_its_drive_homes_is_homed_as_long_as_the_drive_says_so() {
     assert_eq!(feedback.axes[0].reference, 0);
     assert_eq!(feedback.axes[0].command_position, 250_000_000);
 }
+
+/// A machine whose screw of X is 50 µm/m too long, whose Y leans by 60 µm/m, and whose Y is homed by its drive.
+fn with_errors() -> Machine {
+    let text = include_str!("../../machines/xy/machine.toml");
+    let homed = "name = \"Y\"\nhoming.method = \"drive\"\nhoming.rest_mm = 100";
+    let text = text.replace("name = \"Y\"", homed).replace(
+        "name = \"X\"",
+        "name = \"X\"\ncompensation = { positions_mm = [-200, 200], forward_um = [-10, 10] }",
+    );
+    let lean = "\n[[squareness]]\nof = \"Y\"\nto = \"X\"\num_per_m = 60.0\n";
+    Machine::parse("xy", &(text + lean)).expect("a machine")
+}
+
+fn at(position_mm: f64, referenced: bool) -> Drive {
+    let mut drive = Drive::ready();
+    drive.shown.motor_position_mm = position_mm;
+    drive.shown.referenced = referenced;
+    drive
+}
+
+#[test]
+fn positions_are_shown_true_from_the_first_feedback_and_the_drive_is_so_much_slower() {
+    let mut bench = Bench::of(with_errors(), [at(100.0, true), at(100.0, false)], true);
+    let feedback = bench.master.feedback();
+    let [x, y] = [0, 1].map(|axis| &feedback.axes[axis]);
+    // Y does not know its place: it leans by nobody knows how much.
+    assert_eq!(
+        (x.motor_position, y.motor_position),
+        (100_005_000, 100_000_000)
+    );
+    assert_eq!(x.command_position, x.motor_position);
+    // Smoothed over 1/Kp, 20 scans.
+    for _ in 0..400 {
+        bench.scan_at(SPEED_MM_S);
+    }
+    let (motor_mm_s, slower_mm_s) = (bench.drive(0).shown.velocity_mm_s, SPEED_MM_S * 50e-6);
+    assert!(
+        (motor_mm_s - (SPEED_MM_S - slower_mm_s)).abs() < 1e-6,
+        "{motor_mm_s}"
+    );
+    assert_eq!(bench.drive(1).shown.velocity_mm_s, SPEED_MM_S);
+}
+
+#[test]
+fn an_axis_creeps_to_its_true_place_once_the_axis_that_leans_is_homed() {
+    let mut bench = Bench::of(with_errors(), [at(0.0, true), at(-100.0, false)], false);
+    assert_eq!(bench.order(Order::Enable), Refused::Not);
+    bench.scans(300);
+    assert_eq!(bench.order(Order::Home), Refused::Not);
+    bench.scans(20);
+    bench.set(1, |drive| drive.shown.referenced = true);
+    // Both slopes at the highest speed, twice.
+    let most_mm = 2.0 * (50e-6 + 60e-6) * 250.0 * SCAN_S + 1e-6;
+    let before = bench.master.feedback().axes[0];
+    assert_eq!((before.motor_position, before.command_position), (0, 0));
+    let mut creeps = 0;
+    for _ in 0..500 {
+        let from_mm = bench.drive(0).shown.motor_position_mm;
+        let now = bench.scans(1).axes[0];
+        let step_mm = bench.drive(0).shown.motor_position_mm - from_mm;
+        assert!(
+            (-1e-6..=most_mm).contains(&step_mm),
+            "{step_mm} mm in a scan"
+        );
+        // What comes later than the correction, smoothed over 20 scans, is the loop's to make good; these servos have none.
+        assert!(now.motor_position.abs() as f64 * 1e-6 <= 20.0 * most_mm);
+        assert_eq!(now.command_position, 0);
+        creeps += u32::from(step_mm > 0.0);
+    }
+    // 6 µm: where Y stands, 100 mm below its zero, X is so much less than its drive shows.
+    let moved_mm = bench.drive(0).shown.motor_position_mm;
+    assert!((moved_mm - 0.006).abs() < 1e-4, "{moved_mm}");
+    assert!(creeps > 100, "{creeps}");
+}

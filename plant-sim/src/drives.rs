@@ -14,6 +14,7 @@ use crate::contacts::SimulatedContacts;
 use crate::cross_talk::{CrossTalk, FRICTION_SHARE_MIN};
 use crate::homing::{HomingState, SimulatedHoming};
 use crate::inputs::{InputsState, SimulatedInputs};
+use crate::pitch_error::PitchError;
 use crate::probe::{ProbeState, SimulatedProbe};
 use crate::state_bytes::{put, put_bytes, taken};
 
@@ -55,6 +56,8 @@ struct SimulatedAxis {
     /// Commands on their way to the drive, the next one first: as many as the dead time is longer than one scan.
     on_the_way: Vec<DriveCommand>,
     homing: SimulatedHoming,
+    /// Error of its screw.
+    pitch: Option<PitchError>,
 }
 
 /// A command on its way, as it is saved.
@@ -76,6 +79,14 @@ impl SimulatedAxis {
             *last = command;
         }
         next
+    }
+
+    /// Where the table is that the screw's turns have here, in mm.
+    fn true_mm(&self, table_mm: f64) -> f64 {
+        match &self.pitch {
+            Some(pitch) => table_mm + pitch.error_mm(table_mm),
+            None => table_mm,
+        }
     }
 
     fn state_bytes(&self) -> usize {
@@ -195,6 +206,7 @@ impl SimulatedDrives {
             off: false,
             on_the_way: vec![DriveCommand::Disabled; scans.saturating_sub(1) as usize],
             homing: SimulatedHoming::default(),
+            pitch: None,
         };
         SimulatedDrives {
             axes: simulations.into_iter().map(axis).collect(),
@@ -215,6 +227,13 @@ impl SimulatedDrives {
             probe.stand(|axis| table_mm(axes, talks, axis));
         }
         self
+    }
+
+    /// Gives axes the errors of their screws.
+    pub(crate) fn bend_screws(&mut self, of_axis: impl Fn(usize) -> Option<PitchError>) {
+        for (index, axis) in self.axes.iter_mut().enumerate() {
+            axis.pitch = of_axis(index);
+        }
     }
 
     /// The drive of an axis has lost its power: it has none before it is switched on again.
@@ -240,7 +259,9 @@ impl SimulatedDrives {
 fn table_mm(axes: &[SimulatedAxis], talks: &[CrossTalk], axis: usize) -> f64 {
     let alone_mm = |axis: usize| {
         let axis = axes.get(axis);
-        axis.map_or(0.0, |axis| axis.simulation.instruments().table_mm)
+        axis.map_or(0.0, |axis| {
+            axis.true_mm(axis.simulation.instruments().table_mm)
+        })
     };
     let talks = talks.iter().filter(|talk| talk.of == axis);
     talks.fold(alone_mm(axis), |seen_mm, talk| {
@@ -267,8 +288,16 @@ fn rub(axes: &mut [SimulatedAxis], talks: &[CrossTalk]) {
     }
 }
 
-/// What the tool sees of the other axes in the samples of a scan.
+/// What the tool sees of the axes' screws, and of the other axes, in the samples of a scan.
 fn show(axes: &mut [SimulatedAxis], talks: &[CrossTalk]) {
+    for axis in axes.iter_mut() {
+        let Some(pitch) = &axis.pitch else {
+            continue;
+        };
+        for sample in &mut axis.samples {
+            sample.table_mm += pitch.error_mm(sample.table_mm);
+        }
+    }
     if talks.is_empty() {
         return;
     }
@@ -309,7 +338,7 @@ impl Drives for SimulatedDrives {
         DriveFeedback {
             restarted: false,
             motor_position_mm: axis.homing.shown_mm(simulation),
-            scale_position_mm: simulation.scale_position_mm(),
+            scale_position_mm: simulation.scale_position_mm().map(|mm| axis.true_mm(mm)),
             velocity_mm_s: simulation.velocity_mm_s(),
             torque_nm: simulation.torque_nm(),
             winding_rise_k: simulation.winding_rise_k(),

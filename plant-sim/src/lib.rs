@@ -25,6 +25,7 @@ pub mod inputs;
 pub mod lost_motion;
 pub mod measurement;
 pub mod mechanics;
+pub mod pitch_error;
 pub mod plant_file;
 pub mod probe;
 pub mod run;

@@ -18,8 +18,8 @@ pub use keys::{
     Actuated, BODIES_MAX, INPUT_LINES_MAX, MotorFriction, PlantAttachedMass, PlantAxis, PlantBox,
     PlantBridge, PlantContact, PlantCrossTalk, PlantCylinder, PlantDrive, PlantDriveHoming,
     PlantEncoder, PlantFile, PlantFrame, PlantGravity, PlantHomeSwitch, PlantInput,
-    PlantMeasuredFriction, PlantMeasurement, PlantMotor, PlantPlane, PlantProbe, PlantScale,
-    PlantScrew, PlantSimple, PlantSphere, PlantSpindle, PlantTable, PlantToolChanger,
+    PlantMeasuredFriction, PlantMeasurement, PlantMotor, PlantPitchError, PlantPlane, PlantProbe,
+    PlantScale, PlantScrew, PlantSimple, PlantSphere, PlantSpindle, PlantTable, PlantToolChanger,
     TableFriction,
 };
 pub use load::schema;

@@ -12,6 +12,7 @@ use crate::drive::DriveParameters;
 use crate::drives::{BridgedAxes, SimulatedDrives};
 use crate::homing::SimulatedHoming;
 use crate::inputs::SimulatedInputs;
+use crate::pitch_error::PitchError;
 use crate::plant_file::{PlantAxis, PlantFile};
 use crate::probe::SimulatedProbe;
 
@@ -88,6 +89,7 @@ impl PlantFile {
         self.judge_homing(machine)?;
         drives.bridges = self.bridges(machine)?;
         drives.cross_talk = self.cross_talk(machine);
+        drives.bend_screws(|index| self.pitch_error(&machine.axes.get(index)?.name));
         drives.contacts = SimulatedContacts::new(&self.contacts, machine)?;
         drives.auxiliaries = auxiliary;
         let drives = drives.with_homing(|index, simulation| {
@@ -175,6 +177,18 @@ impl PlantFile {
             }
         }
         Ok(bridges)
+    }
+
+    /// The error of the screw of an axis; none where the file says nothing of it.
+    fn pitch_error(&self, axis: &str) -> Option<PitchError> {
+        let of = self.axis(axis)?.pitch_error.as_ref()?;
+        let points = of.positions_mm.iter().zip(&of.error_um);
+        Some(PitchError {
+            progressive_mm_per_mm: of.progressive_um_per_m * 1e-6,
+            periodic_mm: of.periodic_um * 1e-3,
+            periodic_length_mm: of.periodic_length_mm,
+            points_mm: points.map(|(at_mm, um)| (*at_mm, um * 1e-3)).collect(),
+        })
     }
 
     /// What axes get of each other, by their indices in the machine file.

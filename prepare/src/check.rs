@@ -46,6 +46,11 @@ pub fn check(options: &CheckOptions) -> Outcome {
     for (place, words) in &checked.places {
         say(&format!("  place {place} on the cable: {words}"));
     }
+    for axis in 0..machine.axes.len() {
+        if let Some(words) = machine.geometry_in_words(axis) {
+            say(&format!("  {words}"));
+        }
+    }
     print_remarks(&checked);
     if checked.program.is_some() {
         let mut windows = checked.planner().input()?;

@@ -6,7 +6,7 @@ use loops::follow_up::FollowUpState;
 use loops::learned_table::LearnedTable;
 use loops::path_correction::PathCorrection;
 use loops::trigger::Speeds;
-use machine::PositionFeedback;
+use machine::{ErrorTable, PositionFeedback};
 
 use crate::compensation::{Added, Beside};
 use crate::path_correction;
@@ -39,6 +39,8 @@ pub(crate) struct ClosedLoop<'a> {
     pub state: &'a mut ServoState,
     pub learned: Option<&'a LearnedTable>,
     pub path: Option<&'a PathCorrection>,
+    /// Lost motion by place, beside the position backlash.
+    pub lost_motion: Option<&'a ErrorTable>,
     pub setpoints: Setpoints<'a>,
     pub axis: &'a AxisFeedback,
     /// Feedback position, in increments.
@@ -155,12 +157,14 @@ impl ClosedLoop<'_> {
     fn backlash(&mut self, setpoint: i64) -> bool {
         let known = self.settings.scans_per_period as i64 * self.settings.look_ahead_periods as i64;
         let ahead = (1..=known).map(|i| self.setpoints.at(i));
-        self.settings.backlash.update(
-            &mut self.state.backlash,
-            self.state.program.command_position,
-            setpoint,
-            ahead,
-        )
+        let (backlash, state) = (&self.settings.backlash, &mut self.state.backlash);
+        let before = self.state.program.command_position;
+        let reversed = backlash.update(state, before, setpoint, ahead);
+        if let Some(lost_motion) = self.lost_motion {
+            let place_mm = setpoint as f64 * self.settings.increment_mm;
+            backlash.vary(state, lost_motion.at_mm(place_mm));
+        }
+        reversed
     }
 
     /// Before the program moves an axis that it had left at rest, the model goes by the torque that holds it: after a stop the loop

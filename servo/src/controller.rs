@@ -11,7 +11,7 @@ use loops::follow_up::FollowUpState;
 use loops::guards::Broken;
 use loops::learned_table::LearnedTable;
 use loops::path_correction::PathCorrection;
-use machine::{DriveMode, Machine, PositionFeedback};
+use machine::{DriveMode, ErrorTable, Machine, PositionFeedback};
 
 use crate::closed_loop::{ClosedLoop, Wanted};
 use crate::held::Refusal;
@@ -37,6 +37,8 @@ pub struct Servo {
     pub state: ServoState,
     learned: Option<Box<LearnedTable>>,
     path: Option<Arc<PathCorrection>>,
+    /// Lost motion by place, beside the position backlash.
+    lost_motion: Option<Arc<ErrorTable>>,
 }
 
 /// A feedback that makes sense, and what it says of this axis.
@@ -81,6 +83,7 @@ impl Servo {
             state: ServoState::zeroed(),
             learned: None,
             path: None,
+            lost_motion: machine.lost_motion_by_place(axis).map(Arc::new),
         })
     }
 
@@ -94,6 +97,7 @@ impl Servo {
             state: ServoState::zeroed(),
             learned: self.learned.clone(),
             path: self.path.clone(),
+            lost_motion: self.lost_motion.clone(),
         }
     }
 
@@ -312,6 +316,7 @@ impl Servo {
             state: &mut self.state,
             learned: self.learned.as_deref(),
             path: self.path.as_deref(),
+            lost_motion: self.lost_motion.as_deref().filter(|_| scan.is_homed()),
             setpoints,
             axis: scan.axis,
             position: scan.position,
@@ -326,6 +331,7 @@ impl Servo {
             settings: &self.settings,
             state: &mut self.state,
             learned: self.learned.as_deref(),
+            lost_motion: self.lost_motion.as_deref().filter(|_| scan.is_homed()),
             axis: scan.axis,
             position: scan.position,
         }

@@ -5,7 +5,7 @@ use loops::feed_forward::PeriodState;
 use loops::follow_up::FollowUpState;
 use loops::hand_course::HandCommands;
 use loops::learned_table::LearnedTable;
-use machine::PositionFeedback;
+use machine::{ErrorTable, PositionFeedback};
 
 use crate::closed_loop::Wanted;
 use crate::compensation::{Added, Beside};
@@ -23,6 +23,8 @@ pub(crate) struct ManualLoop<'a> {
     pub settings: &'a ServoSettings,
     pub state: &'a mut ServoState,
     pub learned: Option<&'a LearnedTable>,
+    /// Lost motion by place, beside the position backlash.
+    pub lost_motion: Option<&'a ErrorTable>,
     pub axis: &'a AxisFeedback,
     /// Feedback position, in increments.
     pub position: i64,
@@ -92,6 +94,11 @@ impl ManualLoop<'_> {
         self.settings
             .backlash
             .update(backlash, commands.at(-1), commands.at(0), ahead);
+        if let Some(lost_motion) = self.lost_motion {
+            let place_mm = commands.at(0) as f64 * self.settings.increment_mm;
+            let more_mm = lost_motion.at_mm(place_mm);
+            self.settings.backlash.vary(backlash, more_mm);
+        }
         let beside = Beside {
             before_mm,
             step_mm: backlash.compensation_mm,

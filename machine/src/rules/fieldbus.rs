@@ -51,7 +51,7 @@ fn whose(name: &str) -> String {
 }
 
 /// What is wrong with the path of a file that lies below the folder of the machine file.
-fn wrong_path(file: &str) -> Option<String> {
+pub fn wrong_path(file: &str) -> Option<String> {
     let parts = Path::new(file).components();
     let mut below = parts.map(|part| matches!(part, Component::Normal(_)));
     let good = !file.is_empty() && below.all(|normal| normal);

@@ -10,6 +10,7 @@ use machine::{Axis, DriveMode, HomingMethod, Machine, PositionFeedback};
 
 use super::STANDSTILL_MM_S;
 use super::drive_place::DrivePlace;
+use super::geometry::Correction;
 use super::hand::Hand;
 use super::sane::{Sane, guards};
 use super::servos::{Plan, Servos, Taken, Wanted};
@@ -41,6 +42,10 @@ pub(super) struct AxisUnit {
     command_position: i64,
     /// Position of the machine less raw position of the drive, in increments: 0 until the controller has homed the axis.
     offset: i64,
+    /// What its drive shows too little of its true place: errors of screw, scale and guideways.
+    correction: Correction,
+    /// How fast that of the motor changes, in mm/s, smoothed over 1/Kp: its drive, which knows nothing of it, is to be so much slower.
+    correction_mm_s: f64,
     /// Whether its positions are those of the machine.
     reference: Reference,
     /// Command position less feedback position when the drives were switched off: the steady deviation of the open loop.
@@ -77,6 +82,8 @@ impl AxisUnit {
             guards: guards(settings),
             hand: Hand::new(machine, settings),
             offset: 0,
+            correction: Correction::default(),
+            correction_mm_s: 0.0,
             reference: Reference::Missing,
             deviation: 0,
         };
@@ -101,15 +108,45 @@ impl AxisUnit {
     }
 
     fn motor_position(&self) -> i64 {
-        self.increments(self.drive.motor_position_mm)
+        self.increments(self.drive.motor_position_mm + self.correction.motor_mm)
             .saturating_add(self.offset)
     }
 
     fn scale_position(&self) -> i64 {
         self.drive.scale_position_mm.map_or_else(
             || self.motor_position(),
-            |mm| self.increments(mm).saturating_add(self.offset),
+            |mm| {
+                self.increments(mm + self.correction.scale_mm)
+                    .saturating_add(self.offset)
+            },
         )
+    }
+
+    /// Where its drive shows it, errors of screw and guideways left in, in mm.
+    pub fn nominal_mm(&self) -> f64 {
+        let motor_mm = self.drive.motor_position_mm;
+        let shown_mm = match self.settings.feedback {
+            PositionFeedback::Motor => motor_mm,
+            PositionFeedback::Scale => self.drive.scale_position_mm.unwrap_or(motor_mm),
+        };
+        shown_mm + self.offset as f64 * self.settings.increment_mm()
+    }
+
+    /// Its drive shows so much too little, of which this much may come in a scan, in mm; all of it at once where none is named.
+    pub fn correct_by(&mut self, errors: Correction, most_mm: Option<f64>, scan_s: f64) {
+        let before = self.correction;
+        self.correction = most_mm.map_or(errors, |most_mm| before.towards(errors, most_mm));
+        let now_mm_s = (self.correction.motor_mm - before.motor_mm) / scan_s;
+        // A step at a kink would be an acceleration that nobody has planned.
+        let share = (self.settings.position_loop.gain_per_s * scan_s).min(1.0);
+        self.correction_mm_s = most_mm.map_or(0.0, |_| {
+            self.correction_mm_s + (now_mm_s - self.correction_mm_s) * share
+        });
+    }
+
+    /// Whether no servo closes its loop.
+    pub fn loop_is_open(&self, mode: Mode) -> bool {
+        matches!(mode, Mode::Disabled | Mode::Tripped) || self.hand.driver() == Driver::Drive
     }
 
     pub fn feedback_position(&self) -> i64 {
@@ -201,7 +238,7 @@ impl AxisUnit {
                 }
                 match self.settings.drive_mode {
                     DriveMode::Velocity => DriveCommand::Velocity {
-                        velocity_mm_s: self.servos.command().velocity_mm_s,
+                        velocity_mm_s: self.servos.command().velocity_mm_s - self.correction_mm_s,
                         torque_offset_nm: self.servos.command().torque_nm,
                     },
                     DriveMode::Position if self.servos.have_commanded() => self.position_command(),
@@ -231,7 +268,7 @@ impl AxisUnit {
         };
         DriveCommand::Position {
             position_mm: from_mm + error_mm,
-            velocity_offset_mm_s: offset_mm_s,
+            velocity_offset_mm_s: offset_mm_s - self.correction_mm_s,
             torque_offset_nm: command.torque_nm,
         }
     }
@@ -321,7 +358,8 @@ impl AxisUnit {
     /// The master commands it in place of its servo: to this position in this scan, in increments, and to be wanted there in the next.
     pub fn replace_servo(&mut self, taken: &Taken, scan: u64, next: i64, velocity_mm_s: f64) {
         let wanted = Wanted {
-            position_mm: next.saturating_sub(self.offset) as f64 * self.settings.increment_mm(),
+            position_mm: next.saturating_sub(self.offset) as f64 * self.settings.increment_mm()
+                - self.correction.motor_mm,
             velocity_mm_s,
         };
         let position = self.command_position;

@@ -22,6 +22,7 @@ impl<D: Drives> Master<D> {
         self.auxiliary.resume(&latches.auxiliary);
         self.auxiliary.questions.resume(&latches.questions);
         self.axes.resume_homing(&latches.homing);
+        self.geometry.begin(&mut self.axes);
         self.digest.resume(latches.digest);
         self.signals.resume(&latches.signals);
         self.switching_on.cancel();

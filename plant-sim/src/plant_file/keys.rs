@@ -92,6 +92,8 @@ pub struct PlantToolChanger {
     pub change_s: f64,
 }
 
+/// The most places of a table of a screw's errors.
+pub const PITCH_POINTS_MAX: usize = 100;
 /// The most lines of the script of inputs.
 pub const INPUT_LINES_MAX: usize = 256;
 /// The most bodies of one kind that a probe can touch.
@@ -299,6 +301,8 @@ pub struct PlantAxis {
     /// A frame that the axis pushes itself away from: a bed on soft feet, a column. Motor, guideways and scale stand on it; the tool
     /// does not, and sees the table swing. Without this table it stands still.
     pub frame: Option<PlantFrame>,
+    /// Error of its screw, which the tool sees, and a scale. Without this table it has none.
+    pub pitch_error: Option<PlantPitchError>,
     /// What this axis gets of where another one is: errors of position, which the tool sees and no encoder or scale, and friction.
     #[schemars(length(max = MAX_AXES), extend("default" = []))]
     pub cross_talk: Vec<PlantCrossTalk>,
@@ -464,6 +468,26 @@ pub struct PlantFrame {
     /// Its damping ratio.
     #[schemars(extend("minimum" = 0.001, "maximum" = 1, "default" = 0.03))]
     pub damping_ratio: f64,
+}
+
+/// The error of a screw: how much further the table is than the motor's turns say.
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
+pub struct PlantPitchError {
+    /// Progressive error for each metre of travel, from 0 on.
+    #[schemars(extend("unit" = "µm/m", "minimum" = -10_000, "maximum" = 10_000, "default" = 0.0))]
+    pub progressive_um_per_m: f64,
+    /// Amplitude of the periodic error.
+    #[schemars(extend("unit" = "µm", "minimum" = 0, "maximum" = 1000, "default" = 0.0))]
+    pub periodic_um: f64,
+    /// Length of a period, usually the lead.
+    #[schemars(extend("unit" = "mm", "minimum" = 0.1, "maximum" = 100_000, "default" = 10.0))]
+    pub periodic_length_mm: f64,
+    /// Places of a table of errors beside that, ascending.
+    #[schemars(length(max = PITCH_POINTS_MAX), inner(range(min = -100_000, max = 100_000)), extend("unit" = "mm", "default" = []))]
+    pub positions_mm: Vec<f64>,
+    /// Error at each of them; by line from place to place, beyond the ends as there.
+    #[schemars(length(max = PITCH_POINTS_MAX), inner(range(min = -10_000, max = 10_000)), extend("unit" = "µm", "default" = []))]
+    pub error_um: Vec<f64>,
 }
 
 /// What an axis gets of where another one is.

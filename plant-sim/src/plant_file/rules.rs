@@ -48,6 +48,7 @@ pub fn judge(rules: &mut Rules<'_>, plant: &PlantFile) {
         if let Some(measured) = &axis.measured_friction {
             measured_friction(rules, at, measured);
         }
+        pitch_error(rules, at, axis);
         cross_talk(rules, at, plant, axis);
         if let Some(drive) = axis.drive_homing {
             if drive.speed_mm_s == 0.0 {
@@ -117,6 +118,27 @@ fn measured_friction(rules: &mut Rules<'_>, at: At<'_>, measured: &PlantMeasured
     if let Some((speed, force)) = rows.find(|(speed, force)| *speed * *force <= 0.0) {
         let what = format!("= {force} N at {speed} mm/s: friction must have the sign of the speed");
         say("force_n", &what);
+    }
+}
+
+/// A table of a screw's errors is whole.
+fn pitch_error(rules: &mut Rules<'_>, at: At<'_>, axis: &PlantAxis) {
+    let Some(of) = &axis.pitch_error else {
+        return;
+    };
+    let (places, errors) = (&of.positions_mm, &of.error_um);
+    if places.len() != errors.len() {
+        let what = format!(
+            "has {} values: must have {}, one for each of positions_mm",
+            errors.len(),
+            places.len()
+        );
+        rules.say(&["pitch_error", "error_um"], at, &what);
+    }
+    let mut pairs = places.iter().zip(places.iter().skip(1));
+    if let Some((from, to)) = pairs.find(|(from, to)| from >= to) {
+        let what = format!("must ascend: {to} comes after {from}");
+        rules.say(&["pitch_error", "positions_mm"], at, &what);
     }
 }
 

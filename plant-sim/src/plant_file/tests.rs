@@ -159,6 +159,25 @@ fn a_table_of_friction_of_which_no_curve_can_be_made_is_refused() {
 }
 
 #[test]
+fn a_table_of_a_screw_that_is_none_is_refused() {
+    for (places, errors, says) in [
+        ("0, 10", "1", "error_um has 1 values: must have 2"),
+        (
+            "10, 0",
+            "1, 2",
+            "positions_mm must ascend: 0 comes after 10",
+        ),
+        ("0, 0", "1, 2", "positions_mm must ascend: 0 comes after 0"),
+        ("0, nan", "1, 2", "positions_mm"),
+    ] {
+        let table = format!("positions_mm = [{places}]\nerror_um = [{errors}]\n");
+        let text = message_with(&format!("[axis.pitch_error]\n{table}"));
+        let says = format!("axis X pitch_error.{says}");
+        assert!(text.contains(&says), "{text}\n{says}");
+    }
+}
+
+#[test]
 fn only_another_axis_of_the_file_disturbs_an_axis_and_each_once() {
     let from = |name: &str| format!("[[axis.cross_talk]]\nfrom = \"{name}\"\n");
     for name in ["X", "Z"] {
