@@ -301,7 +301,7 @@ fn cell_and_desk_keep_their_budgets_of_lines() {
     let cell: usize = CELL.iter().map(lines).sum();
     let desk: usize = DESK.iter().map(lines).sum();
     println!("cell {cell}, desk {desk}");
-    assert!(cell <= 71_500, "the cell has {cell} lines of code");
+    assert!(cell <= 71_600, "the cell has {cell} lines of code");
     assert!(desk <= 37_500, "the desk has {desk} lines of code");
 }
 

@@ -88,6 +88,7 @@ pub fn check_file(
         elements,
         events,
         messages,
+        ..
     } = output.counts;
     Ok(Summary {
         source_hash,

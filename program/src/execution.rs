@@ -463,9 +463,9 @@ impl Execution {
     /// Refuses a program that goes on for ever without making anything.
     fn watch(&mut self) {
         let output = &self.interpreter.route.output;
-        // At a machine events take their time; who reads beside it would read on for ever.
+        // At a machine events and waits take their time; who reads beside it would read on for ever.
         let made = match self.interpreter.is_rehearsed() {
-            true => output.elements_made(),
+            true => output.moves_made(),
             false => output.made(),
         };
         if made != self.idle.1 {

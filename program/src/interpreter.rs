@@ -15,6 +15,7 @@ use crate::program::{EventKind, ProgramEnd, Setup};
 use crate::reader::{CommentKind, Corner, Line};
 use crate::refusal::{Done, Refusal, refuse};
 use crate::route::{Output, Route};
+use crate::state::SavedModes;
 use crate::words::{Group, Words};
 
 mod corner;
@@ -319,10 +320,15 @@ impl Interpreter {
                 self.state.own_parameters().put(number, value);
             }
         }
-        if let Some((saved, true)) = frame.saved.take() {
-            let line = frame.called_from.line as u32 + 1;
+        let line = frame.called_from.line as u32 + 1;
+        self.restore_at_end(line, frame.saved.take());
+        Some(frame)
+    }
+
+    /// A subroutine that M73 has saved the modes in ends: they are restored.
+    pub fn restore_at_end(&mut self, line: u32, saved: Option<(SavedModes, bool)>) {
+        if let Some((saved, true)) = saved {
             self.change(line, |state, acts| state.restore(&saved, acts));
         }
-        Some(frame)
     }
 }

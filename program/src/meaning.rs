@@ -197,6 +197,12 @@ impl State {
         self.owed = aside;
     }
 
+    /// How far beside it, along the axis of a letter, in the unit of the program.
+    pub fn owed_along(&self, letter: char) -> f64 {
+        let axis = self.equipment.axis_index(letter);
+        axis.map_or(0.0, |axis| self.owed[axis] / self.unit_of(axis))
+    }
+
     /// Whether it does.
     pub fn owes(&self) -> bool {
         self.owed != AxisVector::zeros()
@@ -340,6 +346,8 @@ impl State {
             work_offset: self.parameters.get(base::WORK_OFFSET),
             tool_length: *self.offsets.tool(),
             tool_length_of: self.tools.offset_of,
+            controls_tool_centre: self.controls_tool_centre(),
+            more_work: self.more_work,
         }
     }
 
@@ -347,13 +355,24 @@ impl State {
     pub fn restore(&mut self, saved: &SavedModes, acts: &mut Acts) {
         let before = *self.in_force.modes();
         self.in_force.restore(&saved.modes);
+        if self.plane.is_some() {
+            self.change_plane(None);
+            acts.note("modes that are restored end a tilted plane (G68.2)");
+        }
         self.parameters.set(base::WORK_OFFSET, saved.work_offset);
+        self.more_work = saved.more_work;
         // Which length counts is no mode, only whether one does.
         let counts = |length: &AxisVector| *length != AxisVector::zeros();
-        if counts(&saved.tool_length) != counts(self.offsets.tool()) {
+        let controls = self.controls_tool_centre();
+        if counts(&saved.tool_length) != counts(self.offsets.tool())
+            || saved.controls_tool_centre != controls
+        {
             self.apply_offset(saved.tool_length, saved.tool_length_of, acts);
         }
         self.take_offsets();
+        if saved.controls_tool_centre && !self.controls_tool_centre() {
+            self.control_tool_centre();
+        }
         let centre_mm = self.centre_mm();
         self.in_force
             .tell_restored(&saved.modes, &before, centre_mm, acts);

@@ -127,6 +127,8 @@ pub struct Corner {
     pub rounds: bool,
     /// Radius of the arc, or length that the chamfer takes off both blocks, in the unit of the program.
     pub size: f64,
+    /// The size has no decimal point, and is not computed.
+    pub is_plain: bool,
     /// Byte offset of the word in the line.
     pub offset: usize,
 }

@@ -143,6 +143,10 @@ pub struct SavedModes {
     /// Length of the tool that counts (G43), all 0 after G49.
     pub tool_length: AxisVector,
     pub tool_length_of: u32,
+    /// The tool's centre point is controlled (G43.4).
+    pub controls_tool_centre: bool,
+    /// The offset of G54.1.
+    pub more_work: Option<u32>,
 }
 
 /// What a move carries.

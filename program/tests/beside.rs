@@ -251,8 +251,16 @@ fn what_is_wrong_with_a_cycle_is_told_at_its_place() {
             "4:1: M3 in a profile",
         ),
         (
-            "G18 F400\nO1 sub\nG1 X5 Z0\nO2 repeat [3]\nO2 endrepeat\nO1 endsub\nG71 Q1\nM2",
-            "4:1: O2 repeat in a profile",
+            "G18 F400\nO1 sub\nG1 X5 Z0\nO2 call\nO1 endsub\nG71 Q1\nM2",
+            "4:1: O2 call in a profile",
+        ),
+        (
+            "G18 F400\nO1 sub\nG1 X5 Z0\nO2 while [1]\nG1 X6\nG1 X5\nO2 endwhile\nO1 endsub\nG71 Q1\nM2",
+            "a profile of more than 10000 lines",
+        ),
+        (
+            "G18 F400\nO1 sub\nG1 X5 Z0\nO2 repeat [3]\nG1 X6\nO1 endsub\nG71 Q1\nM2",
+            "O2 repeat without O2 endrepeat",
         ),
         (
             &format!("G18 F400\n{PROFILE}G71 Q100 I0\nM2"),
@@ -263,4 +271,26 @@ fn what_is_wrong_with_a_cycle_is_told_at_its_place() {
         let found = refusal(text);
         assert!(found.contains(expected), "{text}:\n{found}");
     }
+}
+
+/// A cone and steps behind it, the steps by a loop and a condition or written out.
+#[test]
+fn a_profile_of_loops_and_conditions_is_the_one_that_they_lead_to() {
+    let of = |lines: &str| {
+        let text = format!(
+            "G21 G18 G90 F400\nO100 sub\nG0 X4 Z2\nG1 Z0\nG1 X8 Z-4\n{lines}O100 endsub\nG0 X40 Z5\nG71 Q100 I2 D0.2\nG70 Q100\nM2\n"
+        );
+        let mut program = on_mill(&text).unwrap_or_else(|error| panic!("{error}"));
+        for element in &mut program.path.elements {
+            element.line = 0;
+        }
+        program.path
+    };
+    let looped = of(
+        "#1 = 0\nO2 while [#1 LT 4]\n#1 = [#1 + 1]\nG1 X[8 + 3 * #1]\n\
+         O3 if [#1 EQ 3]\nG1 Z-20\nO3 else\nG1 Z[-4 - 4 * #1]\nO3 endif\nO2 endwhile\n",
+    );
+    let written = of("G1 X11\nG1 Z-8\nG1 X14\nG1 Z-12\nG1 X17\nG1 Z-20\nG1 X20\nG1 Z-20\n");
+    assert!(written.elements.len() > 20);
+    assert_eq!(looped, written);
 }

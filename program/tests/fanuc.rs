@@ -557,3 +557,55 @@ fn the_same_text_is_another_program_in_another_language() {
     let marked = format!("\u{1d}linuxcnc\u{1d}{text}");
     assert_eq!(hash(&marked, &setup), hash(text, &linuxcnc));
 }
+
+#[test]
+fn what_a_second_reader_found_of_corners_rotations_and_modes() {
+    // A lathe counts U and W from the corner, not from where its rounding ends.
+    let lathe = Setup {
+        axes: vec![slide('X', -500.0, 500.0), slide('Z', -500.0, 500.0)],
+        ..fanuc(500.0)
+    };
+    let last = |text: &str| {
+        let program = interpret("part.nc", text, &lathe, AxisVector::zeros());
+        let program = program.unwrap_or_else(|error| panic!("{error}"));
+        let end = program.path.elements.last().unwrap().end();
+        [end[0], end[1]]
+    };
+    let ends =
+        |from: [f64; 2], to: [f64; 2]| (0..2).all(|axis| (from[axis] - to[axis]).abs() < 1e-9);
+    assert!(ends(
+        last("G18 G1 X20. ,R2. F100\nW-20.\nM30"),
+        [20.0, -20.0]
+    ));
+    let askew = last("G18 G1 X20. Z-5. ,C1. F100\nW-20.\nM30");
+    assert!(ends(askew, [20.0, -25.0]), "{askew:?}");
+    refused(
+        "G16\nG1 X50. Y0 ,R5. F100\nY72.\nM30",
+        ",R5 in polar coordinates",
+    );
+    // The centre of G68 is absolute, and that of a second one where the tool is.
+    let twice = self::ends(
+        "G91 G68 X0 Y0 R90.\nG90 G1 X10. Y0 F100\nG91 G68 X0 Y0 R90.\nG90 G1 X10. Y0\nM30",
+    );
+    assert_eq!(twice, [[0.0, 10.0, 0.0], [-10.0, 0.0, 0.0]]);
+    let about_tool = self::ends("G68 X0 Y0 R90.\nG1 X10. Y0 F100\nG68 R180.\nG1 X0 Y11.\nM30");
+    assert_eq!(about_tool[1], [0.0, 9.0, 0.0]);
+    // Each pass of a subprogram gives the modes back.
+    let passes = xs("M98 P100 L2\nG1 X3. F100\nM30\nO100\nM73\nG91\nG1 X5. F100\nM99");
+    assert_eq!(passes, [5.0, 10.0, 3.0]);
+    let restored = xs("G54.1 P3\nG10 L20 P3 X7.\nM70\nG55\nM72\nG0 X1.\nM30");
+    assert_eq!(restored, [8.0]);
+    refused(
+        "G81 Z-3. R1. F100 X1.\nG31 Z-5.\nM30",
+        "G31 while a cycle is in force",
+    );
+    let counted = Setup {
+        standard_decimal_point: true,
+        ..fanuc(500.0)
+    };
+    let text = "G91 G81 X10000 Z-5000 R-1000 K3 F100\nG80\nG1 X5000 ,R1000\nY4000\nM30";
+    let program = interpret("part.nc", text, &counted, AxisVector::zeros());
+    let program = program.unwrap_or_else(|error| panic!("{error}"));
+    let end = program.path.elements.last().unwrap().end();
+    assert_eq!((end[0], end[1]), (35.0, 4.0));
+}

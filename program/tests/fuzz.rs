@@ -2,7 +2,10 @@
 
 use crate::common::{at, mill};
 use machine::Dialect;
-use program::{AxisSetup, Piece, Program, ProgramError, Progress, Reading, Setup, interpret};
+use path::tool_centre::{RotaryLine, ToolCentre};
+use program::{
+    AxisSetup, Piece, Program, ProgramError, Progress, Reading, Setup, interpret, parse_tools,
+};
 use proptest::prelude::*;
 use std::sync::Arc;
 
@@ -148,6 +151,89 @@ fn fanuc_line() -> impl Strategy<Value = String> {
     })
 }
 
+/// A mill of five axes, C without an end.
+fn five_axes() -> Setup {
+    let mut setup = mill(400.0);
+    for (letter, index) in [('A', 3), ('C', 4)] {
+        setup.axes.push(AxisSetup {
+            letter,
+            travel_min: if index == 3 { -100.0 } else { -1e9 },
+            travel_max: if index == 3 { 100.0 } else { 1e9 },
+            rotary: true,
+            modulo: index == 4,
+        });
+    }
+    let line = |axis, direction| RotaryLine::new(axis, [5.0, -3.0, -80.0], direction).unwrap();
+    let lines = vec![line(3, [-1.0, 0.0, 0.001]), line(4, [0.0, 0.002, -1.0])];
+    setup.tool_centre = Some(Arc::new(ToolCentre::new([0, 1, 2], lines, vec![])));
+    setup.tools = parse_tools("tools.tbl", "T1 P1 Z60 D6\nT2 P2 X1 Z85.5 D3\n").unwrap();
+    setup.probe = true;
+    setup.answers_assumed = true;
+    setup
+}
+
+/// Lines for five axes that mostly mean something.
+fn five_axis_line() -> impl Strategy<Value = String> {
+    let number = || (-60i32..60).prop_map(f64::from);
+    let word = prop::sample::select(vec![
+        "G43.4 H1",
+        "G43.4 H2",
+        "G43 H1",
+        "G43.1 Z5",
+        "G49",
+        "G53.1",
+        "G69",
+        "G80",
+        "G90",
+        "G91",
+        "G61",
+        "G61.1",
+        "G64 P0.02",
+        "G92 X1",
+        "G92.1",
+        "G55",
+        "G54",
+        "G20",
+        "G21",
+        "G7",
+        "G8",
+        "G93",
+        "G94",
+        "G95",
+        "G96 S50",
+        "G97 S900 M3",
+        "M6 T1",
+        "G28",
+        "G4 P0.1",
+        "G40",
+        "M70",
+        "M72",
+        "G52 X0",
+        "G10 L2 P1 R20",
+        "G10 L2 P1 R0",
+        "G10 L20 P1 X3",
+        "G38.3 Z-3",
+        "G33 Z1 K1",
+        "@5 ^30",
+        "G18",
+        "G19",
+        "G17",
+        "G0 G53 Z0",
+    ]);
+    prop_oneof![
+        word.prop_map(str::to_owned),
+        (number(), number(), number()).prop_map(|(x, a, c)| format!("G1 X{x} A{a} C{c} F500")),
+        (number(), number()).prop_map(|(y, z)| format!("G1 Y{y} Z{z} F900")),
+        (number(), number()).prop_map(|(a, c)| format!("G0 A{a} C{c}")),
+        (number(), number()).prop_map(|(i, c)| format!("G17 G3 I{i} C{c} F700")),
+        (number(), number()).prop_map(|(x, y)| format!("G17 G2 X{x} Y{y} R90 F700")),
+        (number(), number(), number())
+            .prop_map(|(i, j, k)| format!("G68.2 X{k} Z3 I{i} J{j} K{k}")),
+        (number(), number()).prop_map(|(x, y)| format!("G98 G81 X{x} Y{y} Z-8 R3 F300")),
+        (number(), number()).prop_map(|(x, y)| format!("G17 G5.1 X{x} Y{y} I3 J4 F300")),
+    ]
+}
+
 /// Blocks that mostly run: arcs with consistent ends, in every plane.
 fn good_block() -> impl Strategy<Value = String> {
     let number = || (-80i32..80).prop_map(|value| f64::from(value) / 2.0);
@@ -217,6 +303,21 @@ proptest! {
         let text: String = lines.iter().map(|words| words.join(" ") + "\n").collect();
         for setup in machines() {
             check(interpret("fuzz", &text, &setup, at(&[0.5])), &setup)?;
+        }
+    }
+
+    #[test]
+    fn random_programs_of_five_axes_never_break_the_interpreter(lines in prop::collection::vec(five_axis_line(), 0..15)) {
+        let setup = five_axes();
+        let mut text = String::from("T1 M6\n");
+        // What is refused is left out, so that what follows it is read.
+        for line in lines {
+            let longer = format!("{text}{line}\n");
+            let result = interpret("fuzz", &longer, &setup, at(&[0.5]));
+            if result.is_ok() {
+                text = longer;
+            }
+            check(result, &setup)?;
         }
     }
 

@@ -389,6 +389,7 @@ fn a_tilted_plane_is_refused_where_it_cannot_be_what_it_says() {
         ("G68.2 I30 J20\nG43 H1\nG81 X1 Y1 Z-3 R2", "G53.1"),
         ("G10 L2 P1 R30\nG68.2 I30 J20", "turned"),
         ("G68.2 I30 P1", "P"),
+        ("G68.2 I30 J20\nG2 I5", "G43"),
     ] {
         let error = refused(words);
         assert!(error.contains(named), "{words}: {error}");
@@ -399,4 +400,39 @@ fn a_tilted_plane_is_refused_where_it_cannot_be_what_it_says() {
     let error = interpret("p.ngc", text, &narrow, AxisVector::zeros());
     let error = error.expect_err("too far").to_string();
     assert!(error.contains("leave their travel"), "{error}");
+}
+
+/// M70 and M72, and M73 in a subroutine, give G43.4 back as it was.
+#[test]
+fn modes_that_are_restored_control_the_tip_or_not_as_they_did() {
+    let begin = "G61 F600\nG43.4 H1\nG1 X50 Y20 Z10 A20\n";
+    let plain = made(TRUNNION, &format!("{begin}G1 X60 A50"));
+    for between in [
+        "M70\nG49\nG91 G1 Z1\nG1 Z-1\nG90\nM72\n",
+        "M70\nG43 H1\nM72\n",
+    ] {
+        let text = format!("{begin}{between}G1 X60 A50");
+        let program = made(TRUNNION, &text);
+        let ends = [&plain, &program].map(|of| of.path.elements.last().unwrap().end());
+        assert!((ends[0] - ends[1]).norm() < 1e-9, "{between}");
+    }
+    // A subroutine that begins the control, and whose caller has none.
+    let text = "G61 F600\nO1 sub\nM73\nG43.4 H1\nG1 X50 Y20 Z10 A20\nO1 endsub\nG43 H1\nO1 call\nG91 G1 X1";
+    let program = made(TRUNNION, text);
+    let [.., before, last] = program.path.elements.as_slice() else {
+        panic!("two elements");
+    };
+    assert!((last.end() - before.end() - at(&[1.0])).norm() < 1e-9);
+}
+
+/// Q0 says that chords are as exact as corners, not that rotary axes may go anywhere.
+#[test]
+fn a_tolerance_of_chords_of_0_is_that_of_corners_for_rotary_axes_too() {
+    let of = |mode: &str| {
+        let text = format!("{mode} F600\nG43.4 H1\nG1 X100 A30 C90");
+        let program = made(TRUNNION, &text);
+        program.path.elements[0].tolerance.rotary_deg
+    };
+    let (q0, same) = (of("G64 P0.05 Q0"), of("G64 P0.05"));
+    assert!(q0 > 0.0 && (q0 - same).abs() < 1e-12, "{q0} {same}");
 }

@@ -48,15 +48,15 @@ impl DrivePlace {
             return;
         }
         let at_mm = drive.motor_position_mm;
-        match self.seen_mm {
-            // The master before this one had seen it.
-            None if drive.restarted => self.doubt(),
-            Some(seen_mm) if was_lost && drive.restarted => {
+        match self.seen_mm.filter(|_| was_lost) {
+            Some(seen_mm) if drive.restarted => {
                 let off_mm = at_mm - seen_mm;
                 if off_mm.abs() > self.may_go_mm + LEAST_MM {
                     self.displaced_mm = Some(self.displaced_mm.unwrap_or(0.0) + off_mm);
                 }
             }
+            // It was lost while no master lived: only the one before has seen where it was.
+            None if drive.restarted => self.doubt(),
             _ => {}
         }
         self.seen_mm = Some(at_mm);
@@ -168,6 +168,9 @@ mod tests {
     #[test]
     fn a_drive_that_was_without_power_while_no_master_lived_has_to_be_looked_at() {
         let mut place = new();
+        // A new master looks at the drives before it is shown who was without power.
+        place.take(&shows(DriveState::Ready, 10.0, 0.0));
+        assert_eq!(place.displaced_mm(), None);
         place.take(&shows(DriveState::Off, 10.0, 0.0));
         assert_eq!(place.displaced_mm(), Some(0.0));
         place.confirm();

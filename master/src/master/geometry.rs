@@ -14,6 +14,9 @@ use super::axis_unit::AxisUnit;
 /// this much faster than it would in motion: the axis creeps to its true place and never jumps.
 const CHANGE_MARGIN: f64 = 2.0;
 
+/// One that is the same everywhere comes into force at this speed, in mm/s.
+const CREEP_MM_S: f64 = 0.01;
+
 /// What has to be added to what the drive of an axis shows.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(super) struct Correction {
@@ -50,7 +53,7 @@ impl Geometry {
         for term in &terms {
             let rapid_mm_s = machine.axes.get(term.from).map_or(0.0, |of| of.rapid_mm_s);
             if let Some(most_mm) = change_max_mm.get_mut(term.of) {
-                let speed_mm_s = term.errors.steepness().slope * rapid_mm_s;
+                let speed_mm_s = term.errors.steepness().slope * rapid_mm_s + CREEP_MM_S;
                 *most_mm += CHANGE_MARGIN * speed_mm_s * machine.scan_period_s();
             }
         }

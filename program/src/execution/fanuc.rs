@@ -7,7 +7,7 @@ use crate::interpreter::{CornerAhead, MacroCall};
 use crate::program::ProgramEnd;
 use crate::reader::{Corner, Jump, Line, Word};
 use crate::refusal::{Done, Refusal, refuse};
-use crate::words::{Group, Words};
+use crate::words::Group;
 
 /// The most repetitions of a call.
 const REPEATS_MAX: f64 = 1e6;
@@ -107,10 +107,14 @@ impl Execution {
         self.interpreter.fanuc.modes = modes;
         if let Some(corner) = line.corner {
             if self.interpreter.fanuc.modal.is_some() {
-                let found = format!("{} while G66 is in force", shown_corner(corner));
+                let found = format!("{} while G66 is in force", corner.shown());
                 return refuse(corner.offset, found, "G67 before it");
             }
-            let ahead = self.next_words(corner, modes)?;
+            if modes.polar {
+                let found = format!("{} in polar coordinates (G16)", corner.shown());
+                return refuse(corner.offset, found, "G15 before it, and places in X and Y");
+            }
+            let ahead = self.next_block(corner, modes)?;
             self.interpreter.meet_corner(corner, ahead);
         }
         let mut words = self.words.take().unwrap_or_default();
@@ -129,23 +133,16 @@ impl Execution {
         {
             Some(corner) => refuse(
                 corner.offset,
-                format!("{} in a block that is no G1", shown_corner(corner)),
+                format!("{} in a block that is no G1", corner.shown()),
                 "a corner lies between two straight blocks, G1",
             ),
             None => Ok(moves),
         }
     }
 
-    /// The words of the next block that does something, for the corner before it.
-    fn next_words(&mut self, corner: Corner, mut modes: Modes) -> Result<CornerAhead, Refusal> {
-        let right = "the next block is straight, G1 with axis words, and changes no mode";
-        let none = || {
-            Refusal::new(
-                corner.offset,
-                format!("{} without a next block", shown_corner(corner)),
-                right,
-            )
-        };
+    /// The next block that does something, for the corner before it.
+    fn next_block(&mut self, corner: Corner, modes: Modes) -> Result<CornerAhead, Refusal> {
+        let none = || corner.without_next();
         let mut at = self.next;
         let mut line = Line::default();
         loop {
@@ -165,33 +162,7 @@ impl Execution {
         if !straight || called.is_some() {
             return Err(none());
         }
-        let state = self.interpreter.state();
-        fanuc::translate(&mut line, state, &mut modes).map_err(|_| none())?;
-        let mut words = Words::default();
-        words.sort(&line, state.equipment()).map_err(|_| none())?;
-        let changes = [
-            Group::Once,
-            Group::MachineCoordinates,
-            Group::Plane,
-            Group::Distance,
-            Group::Units,
-            Group::CutterCompensation,
-            Group::WorkOffset,
-        ]
-        .into_iter()
-        .any(|group| words.code(group).is_some());
-        let turns = words
-            .code(Group::Motion)
-            .is_some_and(|(code, _)| code != 10);
-        let stays = words.first_in(crate::meaning::PLACES).is_none();
-        if changes || turns || stays {
-            let found = format!(
-                "{} before a block that is no G1 alone",
-                shown_corner(corner)
-            );
-            return refuse(corner.offset, found, right);
-        }
-        Ok(CornerAhead { words })
+        Ok(CornerAhead { line, modes })
     }
 
     /// Goes on with a block by its number, in the program that a line belongs to.
@@ -365,11 +336,6 @@ impl Execution {
         }
         Ok(())
     }
-}
-
-fn shown_corner(corner: Corner) -> String {
-    let letter = if corner.rounds { 'R' } else { 'C' };
-    format!(",{letter}{}", corner.size)
 }
 
 /// A whole number from 0 that a word gives.

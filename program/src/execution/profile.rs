@@ -1,12 +1,16 @@
-//! The profile of a lathe cycle: the lines of the subroutine that Q names, read but not executed.
+//! The profile of a lathe cycle: the lines of the subroutine that Q names, read in the order of its loops, their moves not made.
 
 use super::Execution;
-use crate::flow::{Keyword, label_of};
+use crate::flow::{FlowWord, Keyword, label_of};
+use crate::meaning::ProfileReading;
 use crate::reader::{Line, Word, read_line};
 use crate::refusal::{Done, Refusal, refuse};
 use crate::roughing::PIECES_MAX;
 use crate::source::Spot;
 use crate::words::Words;
+
+/// Lines that are read for one profile at most, those of loops each time.
+const STEPS_MAX: usize = 10 * PIECES_MAX;
 
 /// The lines of a subroutine between its first and its last.
 struct Body {
@@ -31,32 +35,15 @@ impl Execution {
             let right = "the number of a subroutine that holds the profile: O100 sub … O100 endsub";
             return refuse(q.offset, found, right);
         };
-        let lines = body.end - body.start.line;
-        if lines > PIECES_MAX {
-            let found = format!("a profile of {lines} lines");
-            return refuse(q.offset, found, format!("at most {PIECES_MAX}"));
-        }
         let mut reading = self.interpreter.state().begin_profile(words, word)?;
-        let mut line = Line::default();
-        let mut of_line = Words::default();
-        let mut next = body.start;
-        while next.line < body.end {
-            let at = next;
-            let raw = self.raw_line(at)?;
-            next = raw.1;
-            let result = self
-                .profile_line(&raw.0, &mut line, &mut of_line)
-                .and_then(|()| {
-                    Ok(self
-                        .interpreter
-                        .state()
-                        .add_to_profile(&mut reading, &of_line)?)
-                });
-            if let Err(refusals) = result {
-                self.refuse(at, refusals);
-                return Ok(());
-            }
-            self.mark(at.line);
+        let places = (self.here, self.within, self.next);
+        let read = self.read_profile(&body, &mut reading);
+        let at = self.here;
+        (self.here, self.within, self.next) = places;
+        self.not_yet = false;
+        if let Err(refusals) = read {
+            self.refuse(at, refusals);
+            return Ok(());
         }
         self.interpreter
             .turn(index as u32 + 1, words, word, &reading)
@@ -76,14 +63,48 @@ impl Execution {
         }))
     }
 
+    /// Reads the lines of a profile, in the order of its loops and conditions.
+    fn read_profile(&mut self, body: &Body, reading: &mut ProfileReading) -> Done {
+        let mut line = Line::default();
+        let mut words = Words::default();
+        let (mut lines, mut steps) = (0, 0);
+        self.next = body.start;
+        while (body.start.line..body.end).contains(&self.next.line) {
+            (self.here, self.within) = (self.next, self.next);
+            let (raw, behind) = self.raw_line(self.here)?;
+            self.next = behind;
+            self.profile_line(&raw, &mut line, &mut words)?;
+            self.mark(self.here.line);
+            let not_yet = std::mem::take(&mut self.not_yet);
+            match &line.flow {
+                Some(flow) => self.flow(self.here.line, flow, not_yet)?,
+                None => {
+                    let state = self.interpreter.state();
+                    state.add_to_profile(reading, &words)?;
+                    lines += 1;
+                }
+            }
+            steps += 1;
+            if lines > PIECES_MAX || steps > STEPS_MAX {
+                let found = format!("a profile of more than {PIECES_MAX} lines");
+                return refuse(0, found, "fewer moves, and loops that end");
+            }
+        }
+        Ok(())
+    }
+
     /// Reads a line of a profile: its words, while its assignments take effect.
     fn profile_line(&mut self, raw: &str, line: &mut Line, words: &mut Words) -> Done {
         read_line(raw, &self.interpreter, line)?;
         for (target, value) in line.assignments.drain(..) {
             self.interpreter.assign(target, value);
         }
-        if let Some(flow) = &line.flow {
-            let right = "a profile is a list of moves, without loops, conditions and calls";
+        let leads_out = |flow: &&FlowWord| {
+            use Keyword::{Call, EndSub, Number, Return, Sub};
+            matches!(flow.keyword, Call | EndSub | Number | Return | Sub)
+        };
+        if let Some(flow) = line.flow.as_ref().filter(leads_out) {
+            let right = "a profile holds moves, loops and conditions, and calls nothing";
             let found = format!("{} in a profile", flow.shown());
             return refuse(flow.offset, found, right);
         }

@@ -296,8 +296,11 @@ impl Execution {
         {
             frame.repeats -= 1;
             frame.loops.clear();
+            let saved = frame.saved.take();
+            let line = frame.called_from.line as u32 + 1;
             self.within = at;
             self.next = behind;
+            self.interpreter.restore_at_end(line, saved);
             return true;
         }
         let Some(frame) = self.interpreter.leave(returned) else {

@@ -174,7 +174,14 @@ pub fn called_by(line: &str) -> Option<String> {
 fn called_number(line: &str, at: usize, by_m98: bool) -> Option<String> {
     let mut cursor = Cursor::new(line, at);
     let number: u32 = digits(&mut cursor).parse().ok()?;
-    let packed = by_m98 && !line.contains(['L', 'l']);
+    let words = line
+        .split('(')
+        .enumerate()
+        .map(|(index, part)| match index {
+            0 => part,
+            _ => part.split_once(')').map_or("", |(_, behind)| behind),
+        });
+    let packed = by_m98 && !words.into_iter().any(|part| part.contains(['L', 'l']));
     Some(if packed { number % 10_000 } else { number }.to_string())
 }
 

@@ -23,7 +23,8 @@ pub fn of_lathe(
             block.take(from);
             let here = AXIS_LETTERS
                 .find(to)
-                .map_or(0.0, |letter| state.position_of(letter));
+                .map_or(0.0, |letter| state.position_of(letter))
+                + state.owed_along(to);
             let doubled = to == 'X' && state.in_force().diameters;
             let here = if doubled { 2.0 * here } else { here };
             let from = if block.is_incremental(state) {

@@ -59,7 +59,12 @@ pub fn read_line(text: &str, lookup: &impl Lookup, line: &mut Line) -> Result<()
                 return refuse(offset, found, "% stands alone on its line");
             }
             b'#' => line.assignments.push(read_assignment(&mut cursor, lookup)?),
-            b',' => line.corner = Some(corner(&mut cursor, lookup)?),
+            b',' => {
+                let mut corner = corner(&mut cursor, lookup)?;
+                let written = text.get(offset..cursor.offset).unwrap_or_default();
+                corner.is_plain = !written.contains(['.', '#', '[']);
+                line.corner = Some(corner);
+            }
             b'o' | b':' if is_first => {
                 cursor.offset += 1;
                 let Some(label) = program_label(&mut cursor) else {
@@ -239,6 +244,7 @@ fn corner(cursor: &mut Cursor, lookup: &impl Lookup) -> Result<Corner, Refusal> 
     Ok(Corner {
         rounds: letter == b'r',
         size,
+        is_plain: true,
         offset,
     })
 }

@@ -5,9 +5,23 @@ use crate::letters::AXIS_LETTERS;
 use crate::meaning::State;
 use crate::reader::Word;
 use crate::refusal::{Refusal, refuse};
+use crate::state::Motion;
 
 /// G31, G30 P, G43 H0, G68 and G69, G54.1.
 pub fn once(block: &mut Block, state: &State, beside: &mut Beside) -> Result<(), Refusal> {
+    let drills = matches!(state.in_force().motion(), Motion::Cycle(_));
+    if let Some((_, skip)) = block.code('G', |code| code == 310).filter(|_| drills) {
+        return refuse(
+            skip.offset,
+            "G31 while a cycle is in force",
+            "G80 before it",
+        );
+    }
+    if block.has('G', |code| code == 434)
+        && let Some(h) = block.value('H').filter(|h| h.value == 0.0)
+    {
+        return h.refuse("the tool whose tip is controlled, such as G43.4 H1; G49 ends it");
+    }
     for code in block.words.iter_mut().filter(|word| word.letter == 'G') {
         if code_of(code) == Some(310) {
             code.value = 38.3;

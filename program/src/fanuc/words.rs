@@ -7,6 +7,7 @@ use super::offsets::{cutter, offsets, once};
 use crate::meaning::State;
 use crate::reader::Line;
 use crate::refusal::{Refusal, refuse};
+use crate::state::Motion;
 use crate::words::mask_of;
 
 /// G-codes (ten times the number) that have no effect, the letters that belong to them, and what is said; nothing is said of those
@@ -71,7 +72,7 @@ pub fn translate(line: &mut Line, state: &State, modes: &mut Modes) -> Result<Be
     let has_axis = |letter| equipment.axis_index(letter).is_some();
     let is_lathe = has_axis('X') && has_axis('Z') && !has_axis('Y');
     if equipment.standard_decimal_point {
-        count_increments(line, state);
+        count_increments(line, state, modes);
     }
     let mut block = Block {
         pointed: line.pointed,
@@ -96,16 +97,34 @@ pub fn translate(line: &mut Line, state: &State, modes: &mut Modes) -> Result<Be
 }
 
 /// A number without a decimal point counts least input increments (B-64304EN, 5.5 "Decimal point programming").
-fn count_increments(line: &mut Line, state: &State) {
+fn count_increments(line: &mut Line, state: &State, modes: &Modes) {
     let block = Block {
         pointed: line.pointed,
         words: &mut line.words,
     };
     let inches = block.in_block(200, 210, state.in_force().inches);
+    let of_length = if inches { 1e-4 } else { 1e-3 };
+    // Letters of angles and times, which count thousandths in either unit.
+    let thousandths = match () {
+        () if block.has('G', |code| code == 40) => "XU",
+        () if block.has('G', |code| code == 680) => "R",
+        () if block.has('G', |code| code == 682) => "IJK",
+        () if modes.polar => "Y",
+        () => "",
+    };
     let increment = |letter: char| match letter {
         'A' | 'B' | 'C' => 1e-3,
-        _ if inches => 1e-4,
-        _ => 1e-3,
+        _ if thousandths.contains(letter) => 1e-3,
+        _ => of_length,
+    };
+    let is_cycle = |code| matches!(code, 730 | 740 | 810..=890);
+    let moves = block.has('G', |code| matches!(code, 0 | 10 | 20 | 30));
+    let drills = matches!(state.in_force().motion(), Motion::Cycle(_)) && !moves;
+    // K of a cycle counts its holes.
+    let holes = if drills || block.has('G', is_cycle) {
+        mask_of("K")
+    } else {
+        0
     };
     let is_call = line
         .words
@@ -113,10 +132,15 @@ fn count_increments(line: &mut Line, state: &State) {
         .any(|word| word.letter == 'G' && matches!(word.value, 65.0 | 66.0));
     for word in &mut line.words {
         let letter = mask_of(word.letter.encode_utf8(&mut [0; 4]));
-        let counts = mask_of("XYZABCUVWIJKRQ") & letter & !line.pointed & !line.computed != 0;
+        let counts = mask_of("XYZABCUVWIJKRQ") & !holes;
+        let counts = counts & letter & !line.pointed & !line.computed != 0;
         if counts && !is_call {
             word.value *= increment(word.letter);
         }
+    }
+    if let Some(corner) = line.corner.as_mut().filter(|corner| corner.is_plain) {
+        corner.size *= of_length;
+        corner.is_plain = false;
     }
 }
 

@@ -2,20 +2,67 @@
 
 use path::geometry::AxisVector;
 
-use super::{Done, Interpreter, Words, refuse};
+use super::{Done, Group, Interpreter, Refusal, State, Words, refuse};
+use crate::fanuc::{Modes, translate};
 use crate::flat::Flat;
-use crate::meaning::Cause;
-use crate::reader::{Corner, Word};
+use crate::meaning::{Cause, PLACES};
+use crate::reader::{Corner, Line, Word};
 use crate::state::Motion;
 
 /// Directions that differ by less are one straight line, in rad.
 const STRAIGHT_RAD: f64 = 1e-9;
 
-/// The block behind a corner.
+/// The block behind a corner, and how it is read.
 #[derive(Debug, Clone)]
 pub struct CornerAhead {
-    /// Its words.
-    pub words: Words,
+    /// As it was read.
+    pub line: Line,
+    /// The modes of Fanuc's language that are in force then.
+    pub modes: Modes,
+}
+
+/// What the block behind a corner has to be.
+const NEXT: &str = "the next block is straight, G1 with axis words, and changes no mode";
+
+impl Corner {
+    /// As a person writes it.
+    pub fn shown(&self) -> String {
+        format!(",{}{}", if self.rounds { 'R' } else { 'C' }, self.size)
+    }
+
+    /// Refuses one that no block follows.
+    pub fn without_next(&self) -> Refusal {
+        let found = format!("{} without a next block", self.shown());
+        Refusal::new(self.offset, found, NEXT)
+    }
+}
+
+impl CornerAhead {
+    /// The words of the block, with the program at the corner.
+    fn words(&self, corner: Corner, there: &State) -> Result<Words, Refusal> {
+        let (mut line, mut modes) = (self.line.clone(), self.modes);
+        let none = || corner.without_next();
+        translate(&mut line, there, &mut modes).map_err(|_| none())?;
+        let mut words = Words::default();
+        words.sort(&line, there.equipment()).map_err(|_| none())?;
+        let groups = [
+            Group::Once,
+            Group::MachineCoordinates,
+            Group::Plane,
+            Group::Distance,
+            Group::Units,
+            Group::CutterCompensation,
+            Group::WorkOffset,
+        ];
+        let changes = groups.iter().any(|group| words.code(*group).is_some());
+        let motion = words.code(Group::Motion);
+        let turns = motion.is_some_and(|(code, _)| code != 10);
+        if changes || turns || words.first_in(PLACES).is_none() {
+            let found = format!("{} before a block that is no G1 alone", corner.shown());
+            return refuse(corner.offset, found, NEXT);
+        }
+        Ok(words)
+    }
 }
 
 impl Interpreter {
@@ -37,13 +84,14 @@ impl Interpreter {
         corner: Corner,
         ahead: &CornerAhead,
     ) -> Done {
-        let shown = format!(",{}{}", if corner.rounds { 'R' } else { 'C' }, corner.size);
+        let shown = corner.shown();
         let [u, v] = self.state.plane_axes(corner.offset)?;
         let plane = [u, v];
         let from = *self.state.position();
         let mut there = self.state.clone();
         there.go_ahead(end);
-        let next = there.target(&ahead.words)?;
+        there.owe(AxisVector::zeros());
+        let next = there.target(&ahead.words(corner, &there)?)?;
         let aside = |a: &AxisVector, b: &AxisVector| {
             (0..a.len()).any(|axis| axis != u && axis != v && a[axis] != b[axis])
         };

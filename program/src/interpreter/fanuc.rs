@@ -74,7 +74,7 @@ impl Interpreter {
             Variable::Place(axis) => state.position_of(self.letter_of(number, axis)? as usize),
             Variable::MachinePlace(axis) => {
                 self.letter_of(number, axis)?;
-                state.position().get(axis).copied().unwrap_or(0.0) / state.unit_of(axis)
+                state.axes_place().get(axis).copied().unwrap_or(0.0) / state.unit_of(axis)
             }
             Variable::Skipped(axis) => parameters.get(base::PROBED + self.letter_of(number, axis)?),
             Variable::Applied(axis) => {
@@ -130,7 +130,13 @@ impl Interpreter {
     ) -> Result<(), Refusal> {
         let line = self.line;
         let filled = if value.is_nan() { 0.0 } else { value };
-        match Variable::of(number)? {
+        let variable = Variable::of(number)?;
+        let shifts = matches!(variable, Variable::Work(..) | Variable::MoreWork(..));
+        if shifts && self.state.is_tilted() {
+            let found = format!("#{number} in a tilted plane (G68.2)");
+            return refuse(0, found, "G69 before it ends the plane");
+        }
+        match variable {
             Variable::Own(number) if value.is_nan() => self.state.own_parameters().clear(number),
             Variable::Own(number) => self.state.own_parameters().set(number, value),
             Variable::Alarm => {

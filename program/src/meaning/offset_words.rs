@@ -84,17 +84,15 @@ impl State {
         let Some((x, y)) = self.offsets.turned_axes() else {
             return;
         };
-        let here = self.offsets.in_program(&self.position);
+        // The centre is a place of the program as it is not turned, in G91 too; the angle alone adds.
+        let mut unturned = self.offsets;
+        unturned.turn_about(None);
+        let here = unturned.in_program(&self.position);
         let before_deg = self.offsets.turned_about_deg();
         let place = |given: Option<f64>, axis: usize| {
             let here = here.get(axis).copied().unwrap_or(0.0);
             let g92 = self.offsets.g92().get(axis).copied().unwrap_or(0.0);
-            let place = match given.map(|given| given * self.unit_of(axis)) {
-                Some(step) if incremental => here + step,
-                Some(place) => place,
-                None => here,
-            };
-            place + g92
+            given.map_or(here, |given| given * self.unit_of(axis)) + g92
         };
         let centre_mm = [place(centre[0], x), place(centre[1], y)];
         let angle_deg = angle_deg + if incremental { before_deg } else { 0.0 };

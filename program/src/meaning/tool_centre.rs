@@ -57,11 +57,16 @@ impl State {
         if self.in_force.surface.is_some() {
             return refuse(word.offset, format!("{word} in G96"), "G97 before it");
         }
+        self.control_tool_centre();
+        Ok(())
+    }
+
+    /// The same where nothing is in its way.
+    pub(super) fn control_tool_centre(&mut self) {
         let axes = self.tool_place();
         self.stands = None;
         self.axes = Some(axes);
         self.find_tip(&axes);
-        Ok(())
     }
 
     /// The tool's centre point is controlled no more: the program is where the axes are.
@@ -235,7 +240,9 @@ impl State {
             return refuse(word.offset, found, "G69 before it ends the plane");
         }
         let stays = self.controls_tool_centre() || begins;
-        let moves = words.first_of("XYZ@^").filter(|_| !stays);
+        let is_arc = matches!(self.motion_of(words), Motion::Arc { .. });
+        let places = if is_arc { "XYZ@^IJKR" } else { "XYZ@^" };
+        let moves = words.first_of(places).filter(|_| !stays);
         let is_plane = once.is_some_and(|(number, _)| matches!(number, 682 | 690));
         match moves.filter(|_| !is_plane && words.code(Group::MachineCoordinates).is_none()) {
             Some(word) => {
@@ -277,8 +284,7 @@ impl State {
         let chord_mm = match feed {
             Feed::Rapid => CHORD_MOST_MM,
             Feed::PathMmS(_) => {
-                let least_mm = programmed.corner_mm.min(programmed.chord_mm);
-                (least_mm * CHORD_SHARE).clamp(CHORD_EXACT_MM, CHORD_MOST_MM)
+                (least_of(programmed) * CHORD_SHARE).clamp(CHORD_EXACT_MM, CHORD_MOST_MM)
             }
         };
         let mut elements = Vec::new();
@@ -324,7 +330,7 @@ impl State {
             .iter()
             .map(|place| tool_centre.mm_per_degree(place, length_mm));
         let mm_per_degree = mm_per_degree.fold(f64::MIN_POSITIVE, f64::max);
-        let least_mm = corner_mm.min(chord_mm);
+        let least_mm = least_of(programmed);
         PathTolerance {
             corner_mm: SLIDES_SHARE * corner_mm,
             chord_mm: SLIDES_SHARE * chord_mm,
@@ -336,5 +342,13 @@ impl State {
     pub fn go_by_axes(&mut self, programmed: AxisVector, axes: AxisVector) {
         self.position = programmed;
         self.axes = Some(axes);
+    }
+}
+
+/// The least that a path may be left by, in mm: at chords as at corners where nothing else is said.
+fn least_of(tolerance: PathTolerance) -> f64 {
+    match tolerance.chord_mm {
+        0.0 => tolerance.corner_mm,
+        chord_mm => tolerance.corner_mm.min(chord_mm),
     }
 }

@@ -153,7 +153,7 @@ impl Route {
             Happening::Event(line, kind) => self.output.happen(line, kind),
             Happening::Dwell(line, seconds) => {
                 let dwell = Element::dwell(line, state.axes_place(), seconds);
-                self.output.add(dwell);
+                self.output.wait(dwell);
             }
         }
     }

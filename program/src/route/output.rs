@@ -54,6 +54,8 @@ impl Default for Bound {
 #[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
 pub struct Counts {
     pub elements: u64,
+    /// Those of them that are waits.
+    pub dwells: u64,
     pub events: u64,
     pub messages: u64,
 }
@@ -69,6 +71,17 @@ impl Output {
     /// All that was made so far, as a number that grows with it.
     pub fn made(&self) -> u64 {
         self.counts.elements + self.counts.events
+    }
+
+    /// The moves among them.
+    pub fn moves_made(&self) -> u64 {
+        self.counts.elements - self.counts.dwells
+    }
+
+    /// A wait.
+    pub fn wait(&mut self, dwell: Element) {
+        self.add(dwell);
+        self.counts.dwells += 1;
     }
 
     pub fn elements_made(&self) -> u64 {

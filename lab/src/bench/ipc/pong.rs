@@ -98,7 +98,9 @@ fn play(options: &BenchPongOptions, is_over: &dyn Fn() -> bool) -> anyhow::Resul
     while !is_empty() && since.elapsed() < LEAVE_LIMIT {
         std::thread::sleep(LOOK);
     }
-    drop((services, bus));
+    drop((services, bus, page, cell));
+    // A bench that is being killed may have kept some of it a moment longer.
+    place.own(LEAVE_LIMIT)?;
     Ok(())
 }
 
