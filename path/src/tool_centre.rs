@@ -214,28 +214,13 @@ impl ToolCentre {
         Some(pieces.collect())
     }
 
-    /// A shape along which nothing turns: as rigid as it is.
+    /// A shape along which nothing turns, from where the axes are: as rigid as it is.
     fn moved(&self, shape: &Shape, start: AxisVector, length_mm: &AxisVector) -> Shape {
-        let end = self.axes(&shape.end(), length_mm);
-        let mut moved = shape.clone();
+        let turned = |direction: &AxisVector| self.direction(&shape.start(), direction);
+        let mut moved = shape.moved(|place| self.axes(place, length_mm), turned);
         match &mut moved {
-            Shape::Line { from, to } => (*from, *to) = (start, end),
+            Shape::Line { from, .. } | Shape::Arc { from, .. } => *from = start,
             Shape::Dwell { at, .. } => *at = start,
-            Shape::Arc {
-                from,
-                to,
-                centre,
-                u,
-                v,
-                axial,
-                ..
-            } => {
-                (*from, *to) = (start, end);
-                *centre = self.axes(centre, length_mm);
-                for direction in [u, v, axial] {
-                    *direction = self.direction(&shape.start(), direction);
-                }
-            }
         }
         moved
     }

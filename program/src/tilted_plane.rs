@@ -100,32 +100,12 @@ impl TiltedPlane {
 
     /// A shape of the plane, on the work.
     pub fn shape_on_work(&self, shape: &Shape, zero: &AxisVector) -> Shape {
-        let mut moved = shape.clone();
-        match &mut moved {
-            Shape::Line { from, to } => {
-                for place in [from, to] {
-                    *place = self.on_work(place, zero);
-                }
-            }
-            Shape::Dwell { at, .. } => *at = self.on_work(at, zero),
-            Shape::Arc {
-                from,
-                to,
-                centre,
-                u,
-                v,
-                axial,
-                ..
-            } => {
-                for place in [from, to, centre] {
-                    *place = self.on_work(place, zero);
-                }
-                for direction in [u, v, axial] {
-                    let turned = times(&self.rotation, self.slides_of(direction));
-                    *direction = self.with_slides(*direction, turned);
-                }
-            }
-        }
-        moved
+        shape.moved(
+            |place| self.on_work(place, zero),
+            |direction| {
+                let turned = times(&self.rotation, self.slides_of(direction));
+                self.with_slides(*direction, turned)
+            },
+        )
     }
 }

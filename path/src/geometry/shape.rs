@@ -120,6 +120,33 @@ impl Shape {
         }
     }
 
+    /// The shape where a rigid motion of its slides puts it: its places by `place`, its directions by `turned`.
+    #[must_use]
+    pub fn moved(
+        &self,
+        place: impl Fn(&AxisVector) -> AxisVector,
+        turned: impl Fn(&AxisVector) -> AxisVector,
+    ) -> Shape {
+        let mut moved = self.clone();
+        match &mut moved {
+            Shape::Line { from, to } => (*from, *to) = (place(from), place(to)),
+            Shape::Dwell { at, .. } => *at = place(at),
+            Shape::Arc {
+                from,
+                to,
+                centre,
+                u,
+                v,
+                axial,
+                ..
+            } => {
+                (*from, *to, *centre) = (place(from), place(to), place(centre));
+                (*u, *v, *axial) = (turned(u), turned(v), turned(axial));
+            }
+        }
+        moved
+    }
+
     /// Both halves of the way; of a dwell, both halves of its time.
     pub fn halves(&self) -> (Shape, Shape) {
         let middle = self.at_share(0.5);

@@ -7,8 +7,8 @@ use crate::reader::Word;
 use crate::refusal::{Refusal, refuse};
 use crate::state::Motion;
 
-/// G31, G30 P, G43 H0, G68 and G69, G54.1.
-pub fn once(block: &mut Block, state: &State, beside: &mut Beside) -> Result<(), Refusal> {
+/// G31: feeds until the probe trips.
+fn skip(block: &mut Block, state: &State, beside: &mut Beside) -> Result<(), Refusal> {
     let drills = matches!(state.in_force().motion(), Motion::Cycle(_));
     if let Some((_, skip)) = block.code('G', |code| code == 310).filter(|_| drills) {
         return refuse(
@@ -17,16 +17,22 @@ pub fn once(block: &mut Block, state: &State, beside: &mut Beside) -> Result<(),
             "G80 before it",
         );
     }
-    if block.has('G', |code| code == 434)
-        && let Some(h) = block.value('H').filter(|h| h.value == 0.0)
-    {
-        return h.refuse("the tool whose tip is controlled, such as G43.4 H1; G49 ends it");
-    }
     for code in block.words.iter_mut().filter(|word| word.letter == 'G') {
         if code_of(code) == Some(310) {
             code.value = 38.3;
             beside.motion_stays = true;
         }
+    }
+    Ok(())
+}
+
+/// G31, G30 P, G43 H0, G68 and G69, G54.1.
+pub fn once(block: &mut Block, state: &State, beside: &mut Beside) -> Result<(), Refusal> {
+    skip(block, state, beside)?;
+    if block.has('G', |code| code == 434)
+        && let Some(h) = block.value('H').filter(|h| h.value == 0.0)
+    {
+        return h.refuse("the tool whose tip is controlled, such as G43.4 H1; G49 ends it");
     }
     if block.has('G', |code| matches!(code, 280 | 300))
         && let Some((motion, _)) = block.code('G', |code| matches!(code, 0 | 10))
