@@ -14,7 +14,7 @@ use super::axis_unit::AxisUnit;
 /// this much faster than it would in motion: the axis creeps to its true place and never jumps.
 const CHANGE_MARGIN: f64 = 2.0;
 
-/// One that is the same everywhere comes into force at this speed, in mm/s.
+/// One that is the same everywhere comes into force at this speed, in mm/s: it never changes in motion.
 const CREEP_MM_S: f64 = 0.01;
 
 /// What has to be added to what the drive of an axis shows.
@@ -53,7 +53,8 @@ impl Geometry {
         for term in &terms {
             let rapid_mm_s = machine.axes.get(term.from).map_or(0.0, |of| of.rapid_mm_s);
             if let Some(most_mm) = change_max_mm.get_mut(term.of) {
-                let speed_mm_s = term.errors.steepness().slope * rapid_mm_s + CREEP_MM_S;
+                let in_motion_mm_s = term.errors.steepness().slope * rapid_mm_s;
+                let speed_mm_s = in_motion_mm_s.max(CREEP_MM_S);
                 *most_mm += CHANGE_MARGIN * speed_mm_s * machine.scan_period_s();
             }
         }
