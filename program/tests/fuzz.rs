@@ -212,7 +212,6 @@ fn five_axis_line() -> impl Strategy<Value = String> {
         "G10 L2 P1 R20",
         "G10 L2 P1 R0",
         "G10 L20 P1 X3",
-        "G38.3 Z-3",
         "G33 Z1 K1",
         "@5 ^30",
         "G18",
