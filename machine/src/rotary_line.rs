@@ -14,8 +14,8 @@ pub struct RotaryLine {
     #[schemars(length(min = 3, max = 3), inner(range(min = -100_000, max = 100_000)), extend("unit" = "mm"))]
     pub point_mm: Vec<f64>,
     /// Direction X Y Z of its line, of any length, with all axes at 0: at positive angles the axis turns what it carries right-handed
-    /// about it. By ISO 841 a table's direction is against that of its letter, such as `[-1, 0, 0]` for A, since the tool is what turns
-    /// positively about X then, seen from the work.
+    /// about it. By ISO 841 a table points against its letter, such as `[-1, 0, 0]` for A: seen from the work, the tool turns positively
+    /// about X then.
     #[schemars(length(min = 3, max = 3), inner(range(min = -1000, max = 1000)))]
     pub direction: Vec<f64>,
 }

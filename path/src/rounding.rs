@@ -84,7 +84,7 @@ struct Junction {
     taken: f64,
     /// How far it may deviate, in mm.
     tolerance_mm: f64,
-    /// How far rotary axes may, in degrees.
+    /// How far rotary axes may deviate, in degrees.
     rotary_deg: f64,
     /// Two short lines meet there that stand for a curve.
     is_between_chords: bool,

@@ -6,7 +6,7 @@
 //! product of exponentials formula*, 1984; K. Lynch, F. Park, *Modern Robotics*, 2017, §4.1). So a machine is described as it was
 //! measured: lines need not meet, nor stand at right angles.
 //!
-//! With `W` the turns of the work, `T` those of the tool, `p` the slides, `l` the length of the tool and `w` a point of the work:
+//! With `W` the turns of the work, `T` the turns of the tool, `p` the slides, `l` the length of the tool and `w` a point of the work:
 //! `W(w) = p + T(−l)`. Programs say `w + l`: with all rotary axes at 0 this is `p`.
 
 use nalgebra::Vector3;
@@ -37,6 +37,21 @@ pub struct ToolCentre {
     work: Vec<RotaryLine>,
     /// What carries the tool, the line nearest to the slides first.
     tool: Vec<RotaryLine>,
+}
+
+/// X, Y and Z of a place, which these axes have.
+pub fn slides_of(slides: [usize; 3], place: &AxisVector) -> [f64; 3] {
+    slides.map(|axis| place.get(axis).copied().unwrap_or(0.0))
+}
+
+/// The place with another X, Y and Z.
+pub fn with_slides(slides: [usize; 3], mut place: AxisVector, values: [f64; 3]) -> AxisVector {
+    for (axis, value) in slides.into_iter().zip(values) {
+        if let Some(component) = place.get_mut(axis) {
+            *component = value;
+        }
+    }
+    place
 }
 
 impl RotaryLine {
@@ -101,18 +116,11 @@ impl ToolCentre {
     }
 
     fn slides_of(&self, place: &AxisVector) -> Point {
-        let [x, y, z] = self.slides.map(|axis| place.get(axis).copied());
-        let [x, y, z] = [x, y, z].map(|component| component.unwrap_or(0.0));
-        Point::new(x, y, z)
+        Point::from(slides_of(self.slides, place))
     }
 
-    fn with_slides(&self, mut place: AxisVector, slides: Point) -> AxisVector {
-        for (axis, value) in self.slides.into_iter().zip(slides.iter()) {
-            if let Some(component) = place.get_mut(axis) {
-                *component = *value;
-            }
-        }
-        place
+    fn with_slides(&self, place: AxisVector, slides: Point) -> AxisVector {
+        with_slides(self.slides, place, slides.into())
     }
 
     /// Where a point goes that these lines carry.

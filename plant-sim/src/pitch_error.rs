@@ -1,5 +1,7 @@
 //! The error of a screw: how far a table is from where the turns of its motor say.
 
+use machine::ErrorTable;
+
 /// Error of a screw over the place that its turns say: progressive, periodic and by a table, one on top of the other.
 ///
 /// `e(x) = progressive·x + periodic·sin(2πx/L) + table(x)`, the table by line from point to point and beyond its ends as there (terms of
@@ -12,8 +14,8 @@ pub struct PitchError {
     pub periodic_mm: f64,
     /// Its length, in mm.
     pub periodic_length_mm: f64,
-    /// Places, ascending, and errors there, in mm.
-    pub points_mm: Vec<(f64, f64)>,
+    /// What no formula has.
+    pub table: ErrorTable,
 }
 
 impl PitchError {
@@ -21,21 +23,7 @@ impl PitchError {
     pub fn error_mm(&self, at_mm: f64) -> f64 {
         let turns = at_mm / self.periodic_length_mm;
         let wave = libm::sin(2.0 * std::f64::consts::PI * (turns - libm::floor(turns)));
-        self.progressive_mm_per_mm * at_mm + self.periodic_mm * wave + self.by_table_mm(at_mm)
-    }
-
-    fn by_table_mm(&self, at_mm: f64) -> f64 {
-        let mut last = None;
-        for (next_mm, error_mm) in &self.points_mm {
-            if at_mm < *next_mm {
-                return last.map_or(*error_mm, |(from_mm, from_error_mm)| {
-                    let part = (at_mm - from_mm) / (next_mm - from_mm);
-                    from_error_mm + part * (error_mm - from_error_mm)
-                });
-            }
-            last = Some((*next_mm, *error_mm));
-        }
-        last.map_or(0.0, |(_, error_mm)| error_mm)
+        self.progressive_mm_per_mm * at_mm + self.periodic_mm * wave + self.table.at_mm(at_mm)
     }
 }
 
@@ -49,7 +37,7 @@ mod tests {
             progressive_mm_per_mm: 5e-5,
             periodic_mm: 2e-3,
             periodic_length_mm: 10.0,
-            points_mm: vec![(0.0, 0.001), (100.0, 0.003)],
+            table: ErrorTable::new(&[0.0, 100.0], [1.0, 3.0].into_iter()),
         };
         for (at_mm, error_um) in [
             (100.0, 8.0),

@@ -1,7 +1,7 @@
 //! The simulated axes of a machine: machine file and plant file put together, and checked against each other.
 
 use bus::sample::PATH_AXES;
-use machine::{Axis, HomingMethod, Machine, PositionFeedback, ToolChanger};
+use machine::{Axis, ErrorTable, HomingMethod, Machine, PositionFeedback, ToolChanger};
 
 use crate::auxiliary::SimulatedAuxiliaries;
 use crate::axis::{AxisSettings, AxisSimulation};
@@ -182,12 +182,11 @@ impl PlantFile {
     /// The error of the screw of an axis; none where the file says nothing of it.
     fn pitch_error(&self, axis: &str) -> Option<PitchError> {
         let of = self.axis(axis)?.pitch_error.as_ref()?;
-        let points = of.positions_mm.iter().zip(&of.error_um);
         Some(PitchError {
             progressive_mm_per_mm: of.progressive_um_per_m * 1e-6,
             periodic_mm: of.periodic_um * 1e-3,
             periodic_length_mm: of.periodic_length_mm,
-            points_mm: points.map(|(at_mm, um)| (*at_mm, um * 1e-3)).collect(),
+            table: ErrorTable::new(&of.positions_mm, of.error_um.iter().copied()),
         })
     }
 

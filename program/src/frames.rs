@@ -50,9 +50,9 @@ pub struct Frame {
     pub named: BTreeMap<String, f64>,
     /// #1 and those behind it of the caller, restored at the end if the call had arguments of its own.
     pub kept: Vec<Option<f64>>,
-    /// In Fanuc's language, the line that it begins with and the next one: its next pass goes on with its variables (Haas Mill Operator's
-    /// Manual, "Macros": arguments are set on the first repetition only).
-    pub begin: Option<(Spot, Spot)>,
+    /// The line that it begins with and the next one. Its next pass goes on with its variables (Haas Mill Operator's Manual, "Macros":
+    /// arguments are set on the first repetition only).
+    pub begin: (Spot, Spot),
     /// Called by an O-word, whose arguments are #1 to #30.
     pub arguments: bool,
     /// Passes of M98 with L, this one included.

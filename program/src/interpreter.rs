@@ -314,19 +314,24 @@ impl Interpreter {
     /// Leaves the subroutine in force; none if there is none.
     pub fn leave(&mut self, returned: Option<f64>) -> Option<Frame> {
         let mut frame = self.frames.called.pop()?;
-        self.returned = (returned.unwrap_or(0.0), returned.is_some());
         if frame.arguments {
             for (number, value) in (1..).zip(std::mem::take(&mut frame.kept)) {
                 self.state.own_parameters().put(number, value);
             }
         }
         let line = frame.called_from.line as u32 + 1;
-        self.restore_at_end(line, frame.saved.take());
+        self.end_pass(line, frame.saved.take(), returned);
         Some(frame)
     }
 
-    /// A subroutine that M73 has saved the modes in ends: they are restored.
-    pub fn restore_at_end(&mut self, line: u32, saved: Option<(SavedModes, bool)>) {
+    /// A subroutine ends, or a pass of it: modes that M73 has saved in it are restored.
+    pub fn end_pass(
+        &mut self,
+        line: u32,
+        saved: Option<(SavedModes, bool)>,
+        returned: Option<f64>,
+    ) {
+        self.returned = (returned.unwrap_or(0.0), returned.is_some());
         if let Some((saved, true)) = saved {
             self.change(line, |state, acts| state.restore(&saved, acts));
         }

@@ -1,6 +1,7 @@
 //! A tilted work plane (G68.2): X, Y and Z of the program lie askew on the work, and the tool stands along Z (G53.1).
 
 use path::geometry::{AxisVector, Shape};
+use path::tool_centre::{slides_of, with_slides};
 use serde::{Deserialize, Serialize};
 
 /// Rows of a rotation.
@@ -11,7 +12,7 @@ type Rotation = [[f64; 3]; 3];
 pub struct TiltedPlane {
     /// X, Y and Z among the axes.
     slides: [usize; 3],
-    /// Its zero, from that of the program, in mm.
+    /// Its zero, from the program's zero, in mm.
     origin_mm: [f64; 3],
     /// From directions of the plane to those of the program.
     rotation: Rotation,
@@ -59,20 +60,14 @@ impl TiltedPlane {
     }
 
     fn slides_of(&self, place: &AxisVector) -> [f64; 3] {
-        self.slides
-            .map(|axis| place.get(axis).copied().unwrap_or(0.0))
+        slides_of(self.slides, place)
     }
 
-    fn with_slides(&self, mut place: AxisVector, slides: [f64; 3]) -> AxisVector {
-        for (axis, value) in self.slides.into_iter().zip(slides) {
-            if let Some(component) = place.get_mut(axis) {
-                *component = value;
-            }
-        }
-        place
+    fn with_slides(&self, place: AxisVector, slides: [f64; 3]) -> AxisVector {
+        with_slides(self.slides, place, slides)
     }
 
-    /// A place of the plane, on the work; `zero` is that of the program.
+    /// A place of the plane, on the work; `zero` is the program's zero.
     pub fn on_work(&self, place: &AxisVector, zero: &AxisVector) -> AxisVector {
         let turned = times(&self.rotation, self.slides_of(&(place - zero)));
         let mut slides = self.slides_of(zero);

@@ -44,7 +44,7 @@ pub(super) struct AxisUnit {
     offset: i64,
     /// What its drive shows too little of its true place: errors of screw, scale and guideways.
     correction: Correction,
-    /// How fast that of the motor changes, in mm/s, smoothed over 1/Kp: its drive, which knows nothing of it, is to be so much slower.
+    /// How fast the motor's correction changes, in mm/s, smoothed over 1/Kp: the drive, which knows nothing of it, is to be so much slower.
     correction_mm_s: f64,
     /// Whether its positions are those of the machine.
     reference: Reference,

@@ -270,7 +270,6 @@ impl Execution {
         self.enter(label, begin, offset)?;
         let frame = self.interpreter.frames.here();
         frame.repeats = call.repeats;
-        frame.begin = Some((begin.at, begin.behind));
         if let Some(locals) = call.locals {
             frame.arguments = true;
             self.interpreter.pass(locals.into_iter());
@@ -295,9 +294,7 @@ impl Execution {
         // The block itself is done.
         label.behind = label.at;
         self.enter(&format!("N{number}"), label, offset)?;
-        let frame = self.interpreter.frames.here();
-        frame.repeats = repeats;
-        frame.begin = Some((label.at, label.behind));
+        self.interpreter.frames.here().repeats = repeats;
         Ok(())
     }
 

@@ -282,6 +282,7 @@ impl Execution {
             label: label.to_owned(),
             return_to: self.next,
             called_from: self.here,
+            begin: (begin.at, begin.behind),
             ..Frame::default()
         });
         self.go_behind(begin);
@@ -290,33 +291,19 @@ impl Execution {
 
     /// Returns from a subroutine; false if none was called.
     pub(super) fn leave(&mut self, returned: Option<f64>) -> bool {
-        if let Some(frame) = self.interpreter.frames.called.last_mut()
-            && frame.repeats > 1
-            && let Some((at, behind)) = frame.begin
-        {
+        let frame = self.interpreter.frames.called.last_mut();
+        if let Some(frame) = frame.filter(|frame| frame.repeats > 1) {
             frame.repeats -= 1;
             frame.loops.clear();
-            let saved = frame.saved.take();
+            (self.within, self.next) = frame.begin;
             let line = frame.called_from.line as u32 + 1;
-            self.within = at;
-            self.next = behind;
-            self.interpreter.restore_at_end(line, saved);
+            let saved = frame.saved.take();
+            self.interpreter.end_pass(line, saved, returned);
             return true;
         }
         let Some(frame) = self.interpreter.leave(returned) else {
             return false;
         };
-        if frame.repeats > 1
-            && let Ok(Some(begin)) = self.source.subroutine(&frame.label)
-        {
-            self.go_behind(begin);
-            self.interpreter.frames.called.push(Frame {
-                repeats: frame.repeats - 1,
-                loops: vec![],
-                ..frame
-            });
-            return true;
-        }
         self.within = frame.called_from;
         self.next = frame.return_to;
         true
